@@ -2,9 +2,10 @@
 
 A temperature that was read once a session tells the sessions apart, as a joint that was set anew
 between them does; one that rose all day tells the time. Its finding stands against the same with a
-step between the sessions, and with the course of the campaign, in the covariate's place: together these
-are as probable beforehand, and the data decide as far as the covariate went another way. A finding that
-depends on time stands in the same way against what depends on a covariate that went with it."""
+step between the sessions, with the course of the campaign, warming up with any constant, and with the
+course in time that the covariate was read off, in the covariate's place: together these are as probable
+beforehand, and the data decide as far as the covariate went another way. A finding that depends on time
+stands in the same way against what depends on a covariate that went with it."""
 
 from __future__ import annotations
 
@@ -23,7 +24,7 @@ from ..mechanisms.motors import joint_axis
 from ..mechanisms.terms import Mechanism, Term
 from .driver_functions import IN_TIME
 from .session_steps import list_changes, round_between
-from .unregistered import build_warming_causes, choose_clock
+from .unregistered import build_warm_ups, build_warming_causes, choose_clock
 
 # share of a covariate's variance, explained by the sessions and the course of the campaign, from which
 # it is one that these may stand for: one that was drawn for every row is none
@@ -32,6 +33,9 @@ CONFOUNDED = 0.7
 MOST_TERMS, MOST_STEPS = 8, 6
 # power of the course of the campaign that a covariate may go with
 MOST_POWER = 3
+# time constants of what warms up beside a covariate, in shares of the campaign: so near one another that
+# what lies between two of them leaves less than a thousandth of its variance
+WARM_UPS = tuple(np.geomspace(0.02, 2.0, 41).tolist())
 # of the largest, below which courses are told as alike
 SMOOTH = 1e-6
 # rows of a session, on average, from which its mean says something
@@ -42,17 +46,19 @@ JUMP = 0.4
 
 def generate_confounded(problem: Problem, found: Mechanism) -> Iterator[list[Mechanism]]:
     """Generate a finding's terms with what else changed in the place of its covariate, by sorts: steps
-    between sessions; time; warming up; in the place of time a covariate's course, alone and with its
-    square. None where it has no covariate, or one that went its own way."""
+    between sessions; time and warming up; the covariate's own course in time; in the place of time a
+    covariate's course, alone and with its square. None where it has no covariate, or one that went its
+    own way."""
     name = find_confounded(problem, found)
     count = len(found.terms)
     if name is None or count > MOST_TERMS:
         return
     if name not in found.names():
-        middle = _round_middle(problem.data.covariates[name])
+        low, high = _find_range(problem.data.covariates[name])
+        middle = float(f"{(low + high) / 2:.4g}")
         apart = _smooth(problem, name) - middle
-        linear = _build_beside(found, IN_TIME, [apart])
-        square = _build_beside(found, IN_TIME, [apart, apart * apart])
+        linear = _put_in_time(found, [apart])
+        square = _put_in_time(found, [apart, apart * apart])
         yield [linear, square]
         return
     moments = _list_moments(problem.data, name)
@@ -63,14 +69,38 @@ def generate_confounded(problem: Problem, found: Mechanism) -> Iterator[list[Mec
         yield [replace(stepping, sentence=told)]
     clock, duration = choose_clock(problem)
     if duration:
-        in_time = _put(found, name, [clock])
-        yield [in_time]
-    warmed = []
-    for course in build_warming_causes(problem):
-        warming = _put(found, name, [course])
-        warmed.append(warming)
-    if warmed:
-        yield warmed
+        # what warms up for ever changes evenly
+        courses = (clock, *build_warm_ups(problem, WARM_UPS))
+        yield [_put_course(problem, found, name, course) for course in courses]
+    smooth = _smooth(problem, name)
+    yield [_put_value(found, name, smooth)]
+
+
+def _put_course(problem: Problem, found: Mechanism, name: str, course: Cause) -> Mechanism:
+    """Put a course in time in a covariate's place; where a finding bends with that, from the value on
+    from which it bends."""
+    if _is_straight(problem, found, name):
+        return _put(found, name, [course])
+    fitted = _fit_courses(problem, name, [course])
+    return _put_value(found, name, fitted)
+
+
+def _is_straight(problem: Problem, found: Mechanism, name: str) -> bool:
+    """Return whether a finding is in proportion to a covariate, counted from any value."""
+    low, high = _find_range(problem.data.covariates[name])
+    middle = (low + high) / 2
+    for term in found.terms:
+        for screw in term.screws:
+            values = []
+            for value in (low, middle, high):
+                at = substitute_value(screw.cause, name, Number(value))
+                values.append(np.asarray(at.of(problem.state)))
+            first, half, last = values
+            bend = first + last - 2 * half
+            size = np.abs(values).max()
+            if np.abs(bend).max() > SMOOTH * size:
+                return False
+    return True
 
 
 def find_confounded(problem: Problem, found: Mechanism) -> str | None:
@@ -84,7 +114,7 @@ def find_confounded(problem: Problem, found: Mechanism) -> str | None:
     candidates = own
     if not own and found.names() & IN_TIME:
         candidates = frozenset(covariates)
-    shares = {name: _measure_confounded(data, name) for name in sorted(candidates)}
+    shares = {name: _measure_confounded(problem, name) for name in sorted(candidates)}
     likely = [name for name in shares if shares[name] >= CONFOUNDED]
     return max(likely, key=lambda name: shares[name], default=None)
 
@@ -126,15 +156,24 @@ def _tell_steps(problem: Problem, stepping: Mechanism, moments: Sequence[tuple[f
     return f"The zero of joint {frame} is another one {when}."
 
 
-def _measure_confounded(data: Measurements, name: str) -> float:
-    """Measure the share of a covariate's variance that sessions and the course of the campaign explain."""
-    values = data.covariates[name]
+def _measure_confounded(problem: Problem, name: str) -> float:
+    """Measure the share of a covariate's variance that sessions and the course of the campaign explain:
+    a curve in time, or a warm-up, whichever explains more."""
+    data = problem.data
+    powers = np.arange(1, MOST_POWER + 1)
+    curve = data.progress[:, None] ** powers
+    warm_ups = build_warm_ups(problem, WARM_UPS)
+    columns = [np.asarray(cause.of(problem.state)) for cause in warm_ups]
+    courses = [curve, *(column[:, None] for column in columns)]
+    return max(_measure_share(data, data.covariates[name], course) for course in courses)
+
+
+def _measure_share(data: Measurements, values: Array, course: Array) -> float:
+    """Measure the share of the variance of values (m,) that sessions and a course (m, k) explain."""
     deviation = values - values.mean()
     size = float(deviation @ deviation)
     if not size:
         return 0.0
-    powers = np.arange(1, MOST_POWER + 1)
-    course = data.progress[:, None] ** powers
     own = _leave_sessions(data, values[:, None])[:, 0]
     columns = _leave_sessions(data, course)
     coefficients, *_ = np.linalg.lstsq(columns, own, rcond=None)
@@ -164,36 +203,54 @@ def _smooth(problem: Problem, name: str) -> Cause:
     for _ in range(1, MOST_POWER):
         course.append(course[-1] * PROGRESS)
     course += [cause for cause in build_warming_causes(problem) if cause != PROGRESS]
-    columns = [np.asarray(cause.of(problem.state)) for cause in course]
+    return _fit_courses(problem, name, course)
+
+
+def _fit_courses(problem: Problem, name: str, courses: Sequence[Cause]) -> Cause:
+    """Fit functions of time and a constant to the readings of a covariate."""
+    columns = [np.asarray(cause.of(problem.state)) for cause in courses]
     design = np.stack([np.ones(len(problem)), *columns], axis=1)
     coefficients, *_ = np.linalg.lstsq(design, problem.data.covariates[name], rcond=SMOOTH)
     start, *slopes = coefficients.tolist()
-    smooth: Cause = Number(start)
-    for slope, cause in zip(slopes, course, strict=True):
-        smooth = smooth + slope * cause
-    return smooth
+    unit = problem.names()[name]
+    fitted: Cause = Number(start, unit)
+    for slope, cause in zip(slopes, courses, strict=True):
+        fitted = fitted + slope * cause
+    return fitted
 
 
-def _round_middle(values: Array) -> float:
-    """Return the middle of a covariate's range in few digits, as formulas print it."""
-    middle = (values.min() + values.max()) / 2
-    return float(f"{middle:.4g}")
+def _find_range(values: Array) -> tuple[float, float]:
+    """Find the lowest and the highest of some values."""
+    return float(values.min()), float(values.max())
 
 
 def _put(found: Mechanism, name: str, course: Sequence[Cause]) -> Mechanism:
-    """Put functions with coefficients of their own in a covariate's place."""
-    return _build_beside(found, frozenset((name,)), course)
+    """Put functions with coefficients of their own in the place of a covariate, whatever that is counted
+    from."""
+    return _build_beside(found, course, lambda cause, value: substitute(cause, name, value))
 
 
-def _build_beside(found: Mechanism, names: frozenset[str], course: Sequence[Cause]) -> Mechanism:
-    """Build a finding's terms with functions of another course in the place of some names."""
+def _put_value(found: Mechanism, name: str, value: Cause) -> Mechanism:
+    """Put what a covariate was meanwhile in its place; what it is counted from stays."""
+    return _build_beside(found, [value], lambda cause, one: substitute_value(cause, name, one))
+
+
+def _put_in_time(found: Mechanism, course: Sequence[Cause]) -> Mechanism:
+    """Put functions with coefficients of their own in the place of all that depends on time alone."""
+    return _build_beside(found, course, substitute_time)
+
+
+def _build_beside(
+    found: Mechanism, course: Sequence[Cause], insert: Callable[[Cause, Cause], Cause]
+) -> Mechanism:
+    """Build a finding's terms with functions of another course, put into its causes."""
     terms = []
     acts: dict[str, None] = {}
     for number, term in enumerate(found.terms, 1):
         for part, function in enumerate(course, 1):
             screws = []
             for screw in term.screws:
-                cause = substitute_all(screw.cause, names, function)
+                cause = insert(screw.cause, function)
                 screws.append(replace(screw, cause=cause))
                 acts[f"{screw.frame} {screw.axis} {cause}"] = None
             put = Term(f"a{number}{part}", tuple(screws))
@@ -202,18 +259,23 @@ def _build_beside(found: Mechanism, names: frozenset[str], course: Sequence[Caus
     return Mechanism(words, tuple(terms))
 
 
-def substitute_all(cause: Cause, names: frozenset[str], value: Cause) -> Cause:
-    """Put a value in the place of one covariate's name in a formula, or in that of all of it that
-    depends on time alone."""
-    if not names & IN_TIME:
-        (name,) = names
-        return substitute(cause, name, value)
+def substitute_time(cause: Cause, value: Cause) -> Cause:
+    """Put a value in the place of all of a formula that depends on time alone."""
 
     def is_in_time(part: Cause) -> bool:
         own = part.names()
-        return bool(own) and own <= names
+        return bool(own) and own <= IN_TIME
 
     return _replace_parts(cause, is_in_time, value)
+
+
+def substitute_value(cause: Cause, name: str, value: Cause) -> Cause:
+    """Put a value in the place of a name in a formula."""
+
+    def is_named(part: Cause) -> bool:
+        return isinstance(part, Named) and part.name == name
+
+    return _replace_parts(cause, is_named, value)
 
 
 def substitute(cause: Cause, name: str, value: Cause) -> Cause:

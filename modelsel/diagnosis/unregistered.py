@@ -175,13 +175,19 @@ def build_warming_causes(problem: Problem) -> Causes:
     """List drift and exponential warm-up.
 
     They follow the clock where the data have one, else the place in the order of motion."""
+    clock, _ = choose_clock(problem)
+    warm_ups = build_warm_ups(problem, WARM_UP_SHARES)
+    drift = (clock,) if clock == PROGRESS else ()
+    return (*drift, *warm_ups)
+
+
+def build_warm_ups(problem: Problem, shares: Iterable[float]) -> Causes:
+    """List exponential warm-ups whose time constants are some shares of the campaign."""
     clock, duration = choose_clock(problem)
     if not duration:
         return ()
-    constants = [float(f"{share * duration:.6g}") for share in WARM_UP_SHARES]
-    warm_ups = [Applied("exp", clock / -constant) for constant in constants]
-    drift = (clock,) if clock == PROGRESS else ()
-    return (*drift, *warm_ups)
+    constants = [float(f"{share * duration:.6g}") for share in shares]
+    return tuple(Applied("exp", clock / -constant) for constant in constants)
 
 
 def choose_clock(problem: Problem) -> tuple[Cause, float]:

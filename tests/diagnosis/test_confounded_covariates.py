@@ -16,7 +16,8 @@ from modelsel.diagnosis.confounded_covariates import (
     find_confounded,
     generate_confounded,
     substitute,
-    substitute_all,
+    substitute_time,
+    substitute_value,
 )
 from modelsel.diagnosis.driver_functions import IN_TIME
 from modelsel.diagnosis.sentences import describe_candidate
@@ -64,6 +65,9 @@ def test_another_course_takes_a_covariates_place() -> None:
     )
     assert str(substitute(cos(2.0 * Named("load")), "load", course)) == "cos(2*progress)"
     assert substitute(q(2), "load", course) == q(2)
+    # with what it is counted from
+    warm = substitute_value(temperature_rise(20.0) * cos(q(2)), "temperature_C", course)
+    assert str(warm) == "(progress-20)*cos(q2)"
 
 
 @pytest.mark.unit
@@ -103,6 +107,67 @@ def test_steps_between_sessions_are_rivals(rng: np.random.Generator) -> None:
     )
 
 
+def warm_up(constant: float) -> np.ndarray:
+    """What warms up from 0 to 1 with a time constant, in campaigns."""
+    time = np.linspace(0, 1, ROWS)
+    return (1 - np.exp(-time / constant)) / (1 - np.exp(-1 / constant))
+
+
+def explain(values: np.ndarray, rival: Mechanism, at: Problem) -> float:
+    """The share of the variance of values (m,) that the first cause of a rival explains."""
+    cause = np.asarray(rival.terms[0].screws[0].cause.of(at.state))
+    return float(np.corrcoef(values, cause)[0, 1] ** 2)
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize("constant", [0.03, 0.07, 0.17, 0.33, 0.8, 1.7, 50.0])
+def test_what_warms_up_with_any_constant_is_a_rival(
+    constant: float, rng: np.random.Generator
+) -> None:
+    """Of a temperature that warms up with the same, or with another constant."""
+    thermal = mechanism(f"thermal-zero:{ZERO}", ARM)
+    warm = warm_up(constant)
+    for own in (constant, 0.2):
+        read = 21 + 5 * warm_up(own) + rng.normal(0, 0.1, ROWS)
+        at = measure(read, np.zeros(ROWS), 1, rng)
+        in_time, _ = generate_confounded(at, thermal)
+        assert max(explain(warm, one, at) for one in in_time) > 0.999
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize("constant", [0.03, 0.17, 0.8])
+def test_the_course_that_a_temperature_was_read_off_is_a_rival(
+    constant: float, rng: np.random.Generator
+) -> None:
+    """By itself as likely as all that may have changed in time in another way."""
+    warm = warm_up(constant)
+    at = measure(21 + 5 * warm + rng.normal(0, 0.1, ROWS), np.zeros(ROWS), 1, rng)
+    found = Candidate(mechanism(f"thermal-zero:{ZERO}", ARM), CandidateKind.MECHANISM, 0.01)
+    _, (alike,) = generate_confounded(at, found.mechanism)
+    cause = np.asarray(alike.terms[0].screws[0].cause.of(at.state))
+    assert np.std(cause - 5 * warm) < 0.05
+    assert alike.terms[0].screws[0].cause.unit == "°C"
+    (rival,) = (one for one in list_rivals(at, found) if one.candidate.mechanism == alike)
+    assert rival.agrees == "place"
+    assert rival.candidate.prior == pytest.approx(0.005)
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize("constant", [0.3, 1e3])
+def test_what_bends_with_a_temperature_bends_with_time_from_the_same_value(
+    constant: float, rng: np.random.Generator
+) -> None:
+    """The square is counted from a temperature within the range, not from the start of the campaign."""
+    course = 20 + 8 * warm_up(constant)
+    at = measure(course + rng.normal(0, 0.03, ROWS), np.zeros(ROWS), 1, rng)
+    rise = temperature_rise(24.0)
+    square = Mechanism("square", (Term("m", (Screw(ZERO, "rz", rise * rise),)),))
+    in_time, (alike,) = generate_confounded(at, square)
+    bent = (course - 24) ** 2
+    assert max(explain(bent, one, at) for one in in_time) > 0.99
+    assert explain(bent, alike, at) > 0.99
+
+
 def in_time(cause: Cause) -> Mechanism:
     """A joint that is off by a function of time."""
     return Mechanism("in time", (Term("m", (Screw(ZERO, "rz", cause),)),))
@@ -112,9 +177,9 @@ def in_time(cause: Cause) -> Mechanism:
 def test_all_that_depends_on_time_gives_way_to_a_covariate() -> None:
     warm = temperature_rise(20.0)
     decay = Applied("exp", (Named("time_s", "s") - 17.0) / -455.0)
-    assert substitute_all(decay, IN_TIME, warm) == warm
-    assert str(substitute_all(cos(q(2)) * decay, IN_TIME, warm)) == "cos(q2)*(temperature_C-20)"
-    assert substitute_all(cos(q(2)), IN_TIME, warm) == cos(q(2))
+    assert substitute_time(decay, warm) == warm
+    assert str(substitute_time(cos(q(2)) * decay, warm)) == "cos(q2)*(temperature_C-20)"
+    assert substitute_time(cos(q(2)), warm) == cos(q(2))
 
 
 @pytest.mark.unit
@@ -159,6 +224,12 @@ def plant(course: str, rng: np.random.Generator) -> Problem:
         return measure(twice(21, 27), twice(0, size), 2, rng)
     if course == "time alone":
         return measure(rng.uniform(21, 27, ROWS), size * time, 1, rng)
+    if course == "warming up":
+        warm = warm_up(float(rng.uniform(0.13, 0.8)))
+        return measure(21 + 6 * warm + rng.normal(0, 0.02, ROWS), size * warm, 1, rng)
+    if course == "warming up in a hall":
+        warm = 21 + 6 * warm_up(0.3) + rng.normal(0, 0.5, ROWS)
+        return measure(warm, size * (warm - 21) / 6, 1, rng)
     if course == "time":
         return measure(21 + 6 * time + rng.normal(0, 0.02, ROWS), size * time, 1, rng)
     warm = rng.uniform(21, 27, ROWS)
@@ -167,12 +238,21 @@ def plant(course: str, rng: np.random.Generator) -> Problem:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("course", "proven"), [("sessions", 0), ("time", 0), ("its own", 4), ("time alone", 4)]
+    ("course", "proven"),
+    [
+        ("sessions", 0),
+        ("time", 0),
+        ("warming up", 0),
+        ("warming up in a hall", 4),
+        ("its own", 4),
+        ("time alone", 4),
+    ],
 )
 def test_a_temperature_is_proven_where_it_went_its_own_way(
     course: str, proven: int, rng: np.random.Generator
 ) -> None:
-    """In none of five campaigns, or in four at least: one of them may have a rival by chance."""
+    """In none of five campaigns, or in four at least: one of them may have a rival by chance. The air of a
+    hall comes and goes."""
     base = Model((mechanism("geometric", ARM),))
     told = []
     for _ in range(5):
