@@ -10,12 +10,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from builders import drawn
+from scipy import stats
 
 from modelsel._typing import Array
 from modelsel.calibration.calibration import Calibration, calibrate
 from modelsel.calibration.campaigns import Comparison, Explanation, compare_campaigns
 from modelsel.calibration.change_sentences import describe_change
 from modelsel.calibration.comparison_sentences import describe_comparison
+from modelsel.calibration.mechanism_changes import SIGNIFICANCE
 from modelsel.fitting.design import Model, residuals
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor
@@ -142,6 +144,18 @@ def test_nothing_changed_is_said_of_orientations_too(rng: np.random.Generator) -
     found = compare_changed(rng, 3, "rx", 0.0)
     assert not found.explained_by
     assert all(change.turns_mrad is not None for change in found.changes)
+
+
+@pytest.mark.slow
+def test_changes_by_chance_are_as_rare_as_said(rng: np.random.Generator) -> None:
+    """Of 100 pairs of campaigns between which nothing changed, about five tell a change."""
+    least = []
+    for _ in range(100):
+        found = compare_changed(rng, 3, "rx", 0.0)
+        least.append(min(change.p for change in found.changes))
+    told = np.count_nonzero(np.array(least) <= SIGNIFICANCE)
+    assert stats.binom.ppf(0.001, 100, SIGNIFICANCE) <= told
+    assert told <= stats.binom.ppf(0.999, 100, SIGNIFICANCE)
 
 
 def test_positions_alone_tell_no_turn(rng: np.random.Generator) -> None:
