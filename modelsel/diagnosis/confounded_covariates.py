@@ -24,7 +24,7 @@ from ..mechanisms.motors import joint_axis
 from ..mechanisms.terms import Mechanism, Term
 from .driver_functions import IN_TIME
 from .session_steps import list_changes, round_between
-from .unregistered import build_warm_ups, build_warming_causes, choose_clock
+from .unregistered import WARM_UP_SHARES, build_warm_ups, choose_clock
 
 # share of a covariate's variance, explained by the sessions and the course of the campaign, from which
 # it is one that these may stand for: one that was drawn for every row is none
@@ -54,12 +54,11 @@ def generate_confounded(problem: Problem, found: Mechanism) -> Iterator[list[Mec
     if name is None or count > MOST_TERMS:
         return
     if name not in found.names():
-        low, high = _find_range(problem.data.covariates[name])
-        middle = float(f"{(low + high) / 2:.4g}")
-        apart = _smooth(problem, name) - middle
+        apart = _count_from_middle(problem, name)
+        square = apart * apart
         linear = _put_in_time(found, [apart])
-        square = _put_in_time(found, [apart, apart * apart])
-        yield [linear, square]
+        bent = _put_in_time(found, [apart, square])
+        yield [linear, bent]
         return
     moments = _list_moments(problem.data, name)
     if moments:
@@ -67,13 +66,22 @@ def generate_confounded(problem: Problem, found: Mechanism) -> Iterator[list[Mec
         stepping = _put(found, name, steps)
         told = _tell_steps(problem, stepping, moments)
         yield [replace(stepping, sentence=told)]
-    clock, duration = choose_clock(problem)
-    if duration:
-        # what warms up for ever changes evenly
-        courses = (clock, *build_warm_ups(problem, WARM_UPS))
-        yield [_put_course(problem, found, name, course) for course in courses]
+    in_time = list(_generate_in_time(problem, found, name))
+    if in_time:
+        yield in_time
     smooth = _smooth(problem, name)
-    yield [_put_value(found, name, smooth)]
+    alike = _put_value(found, name, smooth)
+    yield [alike]
+
+
+def _generate_in_time(problem: Problem, found: Mechanism, name: str) -> Iterator[Mechanism]:
+    """Generate a finding's terms with time in the place of its covariate: even, and warming up."""
+    clock, duration = choose_clock(problem)
+    if not duration:
+        return
+    warm_ups = build_warm_ups(problem, WARM_UPS)
+    for course in (clock, *warm_ups):
+        yield _put_course(problem, found, name, course)
 
 
 def _put_course(problem: Problem, found: Mechanism, name: str, course: Cause) -> Mechanism:
@@ -87,20 +95,30 @@ def _put_course(problem: Problem, found: Mechanism, name: str, course: Cause) ->
 
 def _is_straight(problem: Problem, found: Mechanism, name: str) -> bool:
     """Return whether a finding is in proportion to a covariate, counted from any value."""
-    low, high = _find_range(problem.data.covariates[name])
+    values = problem.data.covariates[name]
+    low = float(values.min())
+    high = float(values.max())
     middle = (low + high) / 2
     for term in found.terms:
         for screw in term.screws:
-            values = []
+            at = []
             for value in (low, middle, high):
-                at = substitute_value(screw.cause, name, Number(value))
-                values.append(np.asarray(at.of(problem.state)))
-            first, half, last = values
-            bend = first + last - 2 * half
-            size = np.abs(values).max()
-            if np.abs(bend).max() > SMOOTH * size:
+                number = Number(value)
+                cause = substitute_value(screw.cause, name, number)
+                own = cause.of(problem.state)
+                at.append(np.asarray(own))
+            if _is_bent(*at):
                 return False
     return True
+
+
+def _is_bent(first: Array, half: Array, last: Array) -> bool:
+    """Return whether values half way are not the middle of those at both ends."""
+    middle = (first + last) / 2
+    bend = np.abs(half - middle)
+    size = np.abs(first) + np.abs(last)
+    least = SMOOTH * size.max()
+    return bool(bend.max() > least)
 
 
 def find_confounded(problem: Problem, found: Mechanism) -> str | None:
@@ -114,9 +132,12 @@ def find_confounded(problem: Problem, found: Mechanism) -> str | None:
     candidates = own
     if not own and found.names() & IN_TIME:
         candidates = frozenset(covariates)
-    shares = {name: _measure_confounded(problem, name) for name in sorted(candidates)}
-    likely = [name for name in shares if shares[name] >= CONFOUNDED]
-    return max(likely, key=lambda name: shares[name], default=None)
+    likely: dict[str, float] = {}
+    for name in sorted(candidates):
+        share = _measure_confounded(problem, name)
+        if share >= CONFOUNDED:
+            likely[name] = share
+    return max(likely, key=likely.__getitem__, default=None)
 
 
 def _list_moments(data: Measurements, name: str) -> list[tuple[float, str]]:
@@ -160,12 +181,16 @@ def _measure_confounded(problem: Problem, name: str) -> float:
     """Measure the share of a covariate's variance that sessions and the course of the campaign explain:
     a curve in time, or a warm-up, whichever explains more."""
     data = problem.data
+    values = data.covariates[name]
     powers = np.arange(1, MOST_POWER + 1)
     curve = data.progress[:, None] ** powers
-    warm_ups = build_warm_ups(problem, WARM_UPS)
-    columns = [np.asarray(cause.of(problem.state)) for cause in warm_ups]
-    courses = [curve, *(column[:, None] for column in columns)]
-    return max(_measure_share(data, data.covariates[name], course) for course in courses)
+    largest = _measure_share(data, values, curve)
+    for warm_up in build_warm_ups(problem, WARM_UPS):
+        course = np.asarray(warm_up.of(problem.state))
+        column = course[:, None]
+        share = _measure_share(data, values, column)
+        largest = max(largest, share)
+    return largest
 
 
 def _measure_share(data: Measurements, values: Array, course: Array) -> float:
@@ -174,12 +199,14 @@ def _measure_share(data: Measurements, values: Array, course: Array) -> float:
     size = float(deviation @ deviation)
     if not size:
         return 0.0
-    own = _leave_sessions(data, values[:, None])[:, 0]
-    columns = _leave_sessions(data, course)
+    stacked = np.column_stack([values, course])
+    within = _leave_sessions(data, stacked)
+    own = within[:, 0]
+    columns = within[:, 1:]
     coefficients, *_ = np.linalg.lstsq(columns, own, rcond=None)
     left = own - columns @ coefficients
-    share_left = float(left @ left) / size
-    return 1 - share_left
+    square = float(left @ left)
+    return 1 - square / size
 
 
 def _leave_sessions(data: Measurements, columns: Array) -> Array:
@@ -196,43 +223,62 @@ def _leave_sessions(data: Measurements, columns: Array) -> Array:
     return left
 
 
+def _count_from_middle(problem: Problem, name: str) -> Cause:
+    """Build the course in time of a covariate, counted from the middle of its range: in few digits, as
+    formulas print it."""
+    values = problem.data.covariates[name]
+    middle = (values.min() + values.max()) / 2
+    rounded = float(f"{middle:.4g}")
+    smooth = _smooth(problem, name)
+    return smooth - rounded
+
+
 def _smooth(problem: Problem, name: str) -> Cause:
     """Build the course in time that a covariate is read off with errors of its own: powers of the
     campaign's course and warming up, fitted to its readings."""
     course: list[Cause] = [PROGRESS]
     for _ in range(1, MOST_POWER):
-        course.append(course[-1] * PROGRESS)
-    course += [cause for cause in build_warming_causes(problem) if cause != PROGRESS]
+        power = course[-1] * PROGRESS
+        course.append(power)
+    course += build_warm_ups(problem, WARM_UP_SHARES)
     return _fit_courses(problem, name, course)
 
 
 def _fit_courses(problem: Problem, name: str, courses: Sequence[Cause]) -> Cause:
     """Fit functions of time and a constant to the readings of a covariate."""
-    columns = [np.asarray(cause.of(problem.state)) for cause in courses]
-    design = np.stack([np.ones(len(problem)), *columns], axis=1)
-    coefficients, *_ = np.linalg.lstsq(design, problem.data.covariates[name], rcond=SMOOTH)
+    readings = problem.data.covariates[name]
+    columns = [np.ones_like(readings)]
+    for cause in courses:
+        column = cause.of(problem.state)
+        columns.append(np.asarray(column))
+    design = np.stack(columns, axis=1)
+    coefficients, *_ = np.linalg.lstsq(design, readings, rcond=SMOOTH)
     start, *slopes = coefficients.tolist()
-    unit = problem.names()[name]
-    fitted: Cause = Number(start, unit)
+    units = problem.names()
+    fitted: Cause = Number(start, units[name])
     for slope, cause in zip(slopes, courses, strict=True):
-        fitted = fitted + slope * cause
+        summand = slope * cause
+        fitted = fitted + summand
     return fitted
-
-
-def _find_range(values: Array) -> tuple[float, float]:
-    """Find the lowest and the highest of some values."""
-    return float(values.min()), float(values.max())
 
 
 def _put(found: Mechanism, name: str, course: Sequence[Cause]) -> Mechanism:
     """Put functions with coefficients of their own in the place of a covariate, whatever that is counted
     from."""
-    return _build_beside(found, course, lambda cause, value: substitute(cause, name, value))
+
+    def insert(cause: Cause, value: Cause) -> Cause:
+        return substitute(cause, name, value)
+
+    return _build_beside(found, course, insert)
 
 
 def _put_value(found: Mechanism, name: str, value: Cause) -> Mechanism:
     """Put what a covariate was meanwhile in its place; what it is counted from stays."""
-    return _build_beside(found, [value], lambda cause, one: substitute_value(cause, name, one))
+
+    def insert(cause: Cause, one: Cause) -> Cause:
+        return substitute_value(cause, name, one)
+
+    return _build_beside(found, [value], insert)
 
 
 def _put_in_time(found: Mechanism, course: Sequence[Cause]) -> Mechanism:
@@ -251,8 +297,10 @@ def _build_beside(
             screws = []
             for screw in term.screws:
                 cause = insert(screw.cause, function)
-                screws.append(replace(screw, cause=cause))
-                acts[f"{screw.frame} {screw.axis} {cause}"] = None
+                moved = replace(screw, cause=cause)
+                act = f"{moved.frame} {moved.axis} {cause}"
+                screws.append(moved)
+                acts[act] = None
             put = Term(f"a{number}{part}", tuple(screws))
             terms.append(put)
     words = "; ".join(acts)
@@ -273,7 +321,10 @@ def substitute_value(cause: Cause, name: str, value: Cause) -> Cause:
     """Put a value in the place of a name in a formula."""
 
     def is_named(part: Cause) -> bool:
-        return isinstance(part, Named) and part.name == name
+        match part:
+            case Named(own):
+                return own == name
+        return False
 
     return _replace_parts(cause, is_named, value)
 

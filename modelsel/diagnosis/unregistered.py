@@ -177,8 +177,9 @@ def build_warming_causes(problem: Problem) -> Causes:
     They follow the clock where the data have one, else the place in the order of motion."""
     clock, _ = choose_clock(problem)
     warm_ups = build_warm_ups(problem, WARM_UP_SHARES)
-    drift = (clock,) if clock == PROGRESS else ()
-    return (*drift, *warm_ups)
+    if clock != PROGRESS:
+        return warm_ups
+    return (clock, *warm_ups)
 
 
 def build_warm_ups(problem: Problem, shares: Iterable[float]) -> Causes:
@@ -186,8 +187,13 @@ def build_warm_ups(problem: Problem, shares: Iterable[float]) -> Causes:
     clock, duration = choose_clock(problem)
     if not duration:
         return ()
-    constants = [float(f"{share * duration:.6g}") for share in shares]
-    return tuple(Applied("exp", clock / -constant) for constant in constants)
+    warm_ups = []
+    for share in shares:
+        constant = float(f"{share * duration:.6g}")
+        since = clock / -constant
+        warm_up = Applied("exp", since)
+        warm_ups.append(warm_up)
+    return tuple(warm_ups)
 
 
 def choose_clock(problem: Problem) -> tuple[Cause, float]:
