@@ -177,6 +177,9 @@ def _count_freedom(lines: Array, first: Index, second: Index, targets: int) -> i
     is_end[pair, second] = 1.0
     of_targets = np.einsum("pt,npx,npy->ntxy", is_end, directions, directions, optimize=True)
     distances = float(np.square(directions).sum())
+    if not distances:
+        # two targets at one place have no line between them
+        return 0
     trace = 2 * distances
     squares = float(np.square(of_targets).sum()) + 2 * distances
     middles = len(first) / distances

@@ -82,3 +82,17 @@ def test_repeats_are_compared_where_the_instrument_stood_alike(rng: np.random.Ge
     assert floor.freedom == 72
     _, mixed = weigh(problem, None, None)
     assert mixed.coordinate_mm > 50
+
+
+def test_two_targets_at_one_place_tell_no_floor(rng: np.random.Generator) -> None:
+    """No line is between them, along which the noise could be seen."""
+    robot = small_arm()
+    q = robot.draw(rng, 12)
+    points = forward(robot, np.repeat(q, 2, axis=0), OFF_AXIS)
+    data = build_measurements(
+        np.repeat(q, 2, axis=0),
+        points,
+        target=["A", "B"] * 12,
+        configuration=[f"{row // 2}" for row in range(24)],
+    )
+    assert from_target_pairs(data) is None
