@@ -164,7 +164,10 @@ def _read_task(entry: StudyTable, folder: Path, problems: list[str]) -> Task | N
     try:
         study = read_study(path)
     except StudyError as error:
-        problems += [f"{entry.file}: {problem}" for problem in error.problems]
+        # each says the file's name, and the path says it, too
+        file = f"{path.name}: "
+        bare = [problem.removeprefix(file) for problem in error.problems]
+        problems += [f"{entry.file}: {problem}" for problem in bare]
         return None
     if path.is_dir():
         path = path / STUDY_FILE

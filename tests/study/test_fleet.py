@@ -360,3 +360,12 @@ def test_the_base_of_an_own_ladder_is_its_rung(tmp_path) -> None:
     row = _read_row("own ladder", tmp_path)
     assert (row["nominal_mm"], row["base_mm"], row["chosen_mm"]) == (1.0, 0.2, 0.05)
     assert row["found"] == "overshoot:4"
+
+
+def test_the_file_of_a_wrong_study_is_said_once(folder) -> None:
+    wrong = folder / "arm1" / "study.toml"
+    wrong.write_text(wrong.read_text().replace("seed", "sed"))
+    with pytest.raises(StudyError) as error:
+        read_fleet(folder / "fleet.toml")
+    (problem,) = error.value.problems
+    assert problem.startswith("fleet.toml: arm1/study.toml: the study file: unknown key")
