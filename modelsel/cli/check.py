@@ -42,7 +42,8 @@ def check_command(
     as_json: bool,
 ) -> None:
     """What is in a measurements file, what it can tell and what it cannot. DATA is the file, or a
-    study's folder: its file and its robot, with the study's tool and registration."""
+    study's folder: its file and its robot, with the study's tool and registration. The exit status
+    of a study that `modelsel study` would refuse is that of the refusal."""
     from ..measurements.reader import read_measurements
     from ..measurements.table import DataFile
     from ..study.inspection import inspect_measurements
@@ -67,6 +68,9 @@ def check_command(
     else:
         for line in [*said, *format_inspection(found)]:
             print_prose(line)
+    refused = found.get("study", {}).get("exit")
+    if refused:
+        raise SystemExit(refused)
 
 
 def _inspect_study(path: Path) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from pydantic import (
     BaseModel,
     BeforeValidator,
     Field,
+    PrivateAttr,
     ValidationError,
     model_serializer,
 )
@@ -94,6 +95,7 @@ class Study(FrozenTable):
         default=CampaignTable(),
         description="Date, instrument and so on, for the head of the report.",
     )
+    _file_name: str = PrivateAttr(default="")
 
     def __init__(self, /, **tables: Any) -> None:
         try:
@@ -115,6 +117,17 @@ class Study(FrozenTable):
         if self.campaign == CampaignTable():
             written.pop("campaign", None)
         return written
+
+    @property
+    def file_name(self) -> str:
+        """Name of the file that the study was read from; empty for one that was made in Python."""
+        return self._file_name
+
+    def __eq__(self, other: object) -> bool:
+        """Whether two studies have the same values, whatever file they were read from."""
+        return isinstance(other, Study) and dict(self) == dict(other)
+
+    __hash__ = None  # type: ignore[assignment] # its lists have none
 
     def with_measurements(self, measurements: Any) -> Study:
         """Return the same study of other measurements: a path, a DataFrame or a table. Raises
@@ -205,7 +218,10 @@ def parse_study(text: str, where: str) -> Study:
     `where`."""
     table = parse_toml(text, where)
     try:
-        return Study(**table)
+        study = Study(**table)
+        # a table refuses that its values are set, and this is none of them
+        BaseModel.__setattr__(study, "_file_name", where)
+        return study
     except WrongStudy as error:
         placed = [f"{where}: {problem}" for problem in error.problems]
         raise WrongStudy(*placed, places=error.places) from None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -11,8 +11,10 @@ from ..exceptions import DataError, StudyError
 
 @dataclass
 class FoundProblems:
-    """Problems of the `study` file's values, of the robot's file, and those of the measurements."""
+    """Problems of the `study` file's values, of the robot's file, and those of the measurements.
+    `study_file`: the name of the first; empty for a study that was made in Python."""
 
+    study_file: str = ""
     study: list[str] = field(default_factory=list)
     robot: list[str] = field(default_factory=list)
     data: list[DataError] = field(default_factory=list)
@@ -46,17 +48,43 @@ class FoundProblems:
             if str(error) not in said:
                 self.data.append(error)
 
-    def list_all(self, study_file: str = "") -> list[str]:
+    def list_all(self) -> list[str]:
         """List all problems, those of the study with the name of its file."""
-        place = f"{study_file}: " if study_file else ""
-        told = [f"{place}{problem}" for problem in self.study]
+        told = place_problems(self.study, self.study_file)
         measured = [str(error) for error in self.data]
         return list(dict.fromkeys([*told, *self.robot, *measured]))
 
-    def refuse(self) -> None:
-        """Raise what was found: StudyError, or DataError where the measurements alone are wrong."""
+    def make_error(self) -> StudyError | DataError | None:
+        """Make the error that says what was found: a DataError where the measurements alone are
+        wrong; None where nothing is."""
         if self.study or self.robot:
-            raise StudyError(*self.list_all())
-        if self.data:
-            first, *others = self.data
-            raise first.beside(others)
+            return StudyError(*self.list_all())
+        if not self.data:
+            return None
+        first, *others = self.data
+        return first.beside(others)
+
+    def refuse(self) -> None:
+        """Raise what was found, if anything."""
+        error = self.make_error()
+        if error is not None:
+            raise error
+
+
+def place_problems(problems: Iterable[str], study_file: str) -> list[str]:
+    """Say of each problem of a study in which file it is; of a study made in Python there is none."""
+    if not study_file:
+        return list(problems)
+    return [f"{study_file}: {problem}" for problem in problems]
+
+
+@contextmanager
+def name_study_file(study_file: str) -> Iterator[None]:
+    """Raise a StudyError that is raised inside with the name of the study's file."""
+    try:
+        yield
+    except StudyError as error:
+        if not study_file:
+            raise
+        placed = place_problems(error.problems, study_file)
+        raise type(error)(*placed) from error

@@ -186,7 +186,7 @@ def read_inputs(
     labels (m,) are None where no column says which rows estimate. Raises StudyError or DataError,
     with all that is wrong with them.
     """
-    found = FoundProblems()
+    found = FoundProblems(study.file_name)
     robot: Robot | None = None
     with found.of_robot():
         robot = read_nominal_robot(study, folder)
@@ -194,8 +194,6 @@ def read_inputs(
     found.refuse()
     assert robot is not None
     assert measured is not None
-    registry = set_reference(registry, measured.reference_celsius)
-    registry = set_targets(registry, measured.targets)
     return robot, registry, measured, labels
 
 
@@ -204,7 +202,8 @@ def read_checked(
 ) -> tuple[Measurements | None, NDArray[np.object_] | None, Registry]:
     """Read what a study measures and check all that it says, as far as its robot, None where there
     is none, lets it be read; what is wrong is added to `found`. Returns the measurements, the labels
-    of the split and the registry with the study's gear ratios."""
+    of the split and the registry with the study's gear ratios, and with the temperature and the
+    targets of the measurements."""
     registry = _check_against_robot(study, robot, registry, found)
     measured: Measurements | None = None
     labels: NDArray[np.object_] | None = None
@@ -219,6 +218,8 @@ def read_checked(
     with found.of_data():
         labels = read_split_labels(study, folder, measured)
     if robot is not None and measured is not None:
+        registry = set_reference(registry, measured.reference_celsius)
+        registry = set_targets(registry, measured.targets)
         _check_against_data(study, robot, measured, labels, registry, found)
     return measured, labels, registry
 
@@ -294,9 +295,8 @@ def _check_against_data(
     found: FoundProblems,
 ) -> None:
     """Check what a study says that depends on its measurements."""
-    named = set_targets(registry, measured.targets)
     with found.of_study():
-        check_mechanism_names(study, robot, named)
+        check_mechanism_names(study, robot, registry)
     with found.of_study():
         check_own_causes(study, robot, measured)
     with found.of_study():

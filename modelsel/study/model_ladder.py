@@ -12,13 +12,16 @@ from ..diagnosis.outcome import Diagnosis
 from ..diagnosis.state import extend_model
 from ..diagnosis.unexplained import is_subsampled
 from ..fitting.design import Model
+from ..fitting.least_squares import fit
 from ..fitting.nested import Reduced, fit_within
 from ..fitting.problem import Problem
 from ..mechanisms.campaign_registry import set_targets
 from ..mechanisms.geometry import build_setup
 from ..mechanisms.registry import Registry, mechanism
 from ..mechanisms.terms import FixtureTerm, Mechanism, Screw
+from ..notices import Note
 from ..selection.evaluation import Evaluation, Split, evaluate, summarise_errors
+from .checks import add_alarms_to_errors
 from .own_causes import build_own_mechanisms
 from .untested_candidates import refuse_unseen, require_causes
 
@@ -95,6 +98,18 @@ def build_base(study: Study, problem: Problem, registry: Registry) -> Model:
     for names in study.model.ladder:
         build_model(study, problem, registry, names)
     return build_model(study, problem, registry, study.model.base)
+
+
+def rehearse_base(study: Study, split: Split, notes: Sequence[Note], registry: Registry) -> Model:
+    """Return the model that the study extends, which its rows carry. Raises StudyError or
+    NotEstimable as the study's first fit does; `notes` are those of the preparation."""
+    base = build_base(study, split.problem, registry)
+    training = split.training
+    # every row has one coordinate or more: where they are many, there are enough
+    if len(training) <= len(base.terms):
+        with add_alarms_to_errors(notes):
+            fit(training, base)
+    return base
 
 
 def choose_constants(candidates: Sequence[Candidate], single_f: Array) -> dict[str, Mechanism]:

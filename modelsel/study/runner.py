@@ -14,8 +14,9 @@ from ..exceptions import DataError
 from ..measurements.table import Source, hash_source
 from ..mechanisms.registry import BUILTIN, Registry
 from .checkpoint import Checkpoint
+from .found_problems import name_study_file
 from .inputs import list_candidates, read_inputs
-from .model_ladder import build_base, searches_cells
+from .model_ladder import rehearse_base, searches_cells
 from .own_causes import build_own_candidates
 from .pipeline import analyse, record_provenance, sample_posterior
 from .preparation import prepare
@@ -73,9 +74,16 @@ def _analyse_study(
         )
     if checkpoint is not None:
         checkpoint.bind(record_provenance(study, robot, data_sha256))
-    return analyse(
-        study, robot, measured, registry=registry, labels=labels, say=say, data_sha256=data_sha256
-    )
+    with name_study_file(study.file_name):
+        return analyse(
+            study,
+            robot,
+            measured,
+            registry=registry,
+            labels=labels,
+            say=say,
+            data_sha256=data_sha256,
+        )
 
 
 def _read_file_state(path: Source) -> tuple[int, int, int] | None:
@@ -98,8 +106,9 @@ def rehearse_study(
     """
     study, folder = open_study(study, folder)
     robot, registry, measured, labels = read_inputs(study, folder, registry)
-    split, floor, notes = prepare(study, robot, measured, labels)
-    base = build_base(study, split.problem, registry)
+    with name_study_file(study.file_name):
+        split, floor, notes = prepare(study, robot, measured, labels)
+        base = rehearse_base(study, split, notes, registry)
     kept = split.problem.data
     estimating = kept.take(split.estimation)
     held_out = kept.take(~split.estimation)

@@ -28,6 +28,7 @@ from ..mechanisms.cause_formulas import list_members, parse
 from ..mechanisms.terms import Screw, Term
 from ..robot.kinematics import Robot
 from ..setup.feature_positions import place_features
+from .found_problems import name_study_file
 from .inputs import read_known_features, read_nominal_robot
 from .noise_parts import check_parts
 from .planted_effects import list_cause_problems, list_formula_problems, list_frame_problems
@@ -49,7 +50,13 @@ def simulate_study(study: Study | Path | str, folder: Path | str | None = None) 
     """
     study, folder = open_study(study, folder, measured=False)
     robot = read_nominal_robot(study, folder)
-    check_parts(study, robot)
+    with name_study_file(study.file_name):
+        check_parts(study, robot)
+        return _simulate(study, folder, robot)
+
+
+def _simulate(study: Study, folder: Path, robot: Robot) -> pd.DataFrame:
+    """Simulate the measurements of a study of a robot."""
     rng = generator(study.seed, "simulate")
     noise_mm = study.noise.floor_mm
     if noise_mm is None:

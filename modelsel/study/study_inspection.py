@@ -17,10 +17,10 @@ from ..mechanisms.registry import BUILTIN, Registry
 from ..notices import SETUP_MISTAKE, Note, list_alarms
 from ..results.placements import locate_placements
 from ..robot.kinematics import Robot
-from .found_problems import FoundProblems
+from .found_problems import FoundProblems, name_study_file
 from .inputs import read_checked, read_nominal_robot
 from .inspection import describe_determined, inspect_measurements
-from .model_ladder import build_model
+from .model_ladder import build_model, rehearse_base
 from .preparation import prepare
 
 GEOMETRY = ("geometric",)
@@ -28,34 +28,37 @@ GEOMETRY = ("geometric",)
 
 def inspect_study(study: Study, folder: Path, registry: Registry = BUILTIN) -> dict[str, Any]:
     """Describe the measurements of a study, as `inspect_measurements` does, and its robot as the
-    study has it stand before them, or why it is refused. Raises StudyError or DataError where the
-    robot or the measurements cannot be read."""
-    found = FoundProblems()
+    study has it stand before them, or why it is refused and with which exit status. Raises StudyError
+    or DataError where the robot or the measurements cannot be read."""
+    found = FoundProblems(study.file_name)
     robot: Robot | None = None
     with found.of_robot():
         robot = read_nominal_robot(study, folder)
-    measured, labels, _ = read_checked(study, folder, robot, registry, found)
+    measured, labels, registry = read_checked(study, folder, robot, registry, found)
     if measured is None:
         found.refuse()
     assert robot is not None
     assert measured is not None
     inspected = inspect_measurements(robot, measured)
-    refused = found.list_all()
-    if refused:
-        return inspected | {"study": {"refused": refused}}
     try:
-        split, _, notes = prepare(study, robot, measured, labels)
+        found.refuse()
+        with name_study_file(study.file_name):
+            split, _, notes = prepare(study, robot, measured, labels)
+            rehearse_base(study, split, notes, registry)
     except (StudyError, DataError, NotEstimable) as error:
         refused = str(error).splitlines()
-        return inspected | {"study": {"refused": refused}}
+        return inspected | {"study": {"refused": refused, "exit": error.exit_code}}
     problem = split.problem
     model = build_model(study, problem, BUILTIN, GEOMETRY)
     estimating = problem.take(split.estimation)
     determined = describe_determined(estimating, model)
     determined["geometry"]["tool_mm"] = None
     placed = _describe_nominal(study, problem, notes)
-    stands = {"refused": None, "registered": bool(study.robot.register_)}
-    described = {"registered": placed, "study": {**stands, **placed}}
+    is_registered = bool(study.robot.register_)
+    stands = {"refused": None, "exit": 0, "registered": is_registered}
+    described: dict[str, Any] = {"study": {**stands, **placed}}
+    if is_registered:
+        described["registered"] = placed
     return inspected | determined | described
 
 

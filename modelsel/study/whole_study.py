@@ -71,6 +71,6 @@ def _list_further_problems(file: Path, measured: bool) -> list[str]:
     if part is None:
         return []
     registry, _ = with_plugins()
-    found = FoundProblems([*part.problems])
+    found = FoundProblems(file.name, [*part.problems])
     check_part(part, file.parent, registry, measured, found)
-    return found.list_all(file.name)
+    return found.list_all()

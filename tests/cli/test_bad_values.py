@@ -3,6 +3,7 @@ words of the file."""
 
 from __future__ import annotations
 
+import json
 import os
 import re
 from pathlib import Path
@@ -151,6 +152,35 @@ def test_check_says_what_study_would_refuse(tmp_path: Path) -> None:
     measured(robot, 1).to_csv(tmp_path / "one.csv", index=False)
     ran = run("check", tmp_path / "one.csv", "--robot", "ur10")
     assert ran.stdout.startswith("1 row, 1 configuration,")
+
+
+@pytest.mark.parametrize(
+    ("more", "status"),
+    [
+        ("", 0),
+        ('[split]\ncolumn = "role"\n', 3),
+        ("[split]\nestimation = 500\n", 2),
+        ("[split]\nestimation = 2\n", 4),
+        ('[model]\nbase = ["geometrc"]\n', 2),
+    ],
+    ids=["none", "column", "too many", "too few", "name"],
+)
+def test_check_ends_as_the_study_would(more: str, status: int, tmp_path: Path) -> None:
+    """With its sentence and its status, in words and as JSON."""
+    robot = load_robot("ur10")
+    measured(robot, 40).to_csv(tmp_path / "m.csv", index=False)
+    text = STUDY.format(robot="tool_mm = [0, 0, 100]", file="m.csv", model=more)
+    (tmp_path / "study.toml").write_text(text)
+    refused = run("study", tmp_path, "--dry-run")
+    checked = run("check", tmp_path)
+    as_json = run("check", tmp_path, "--json")
+    assert [ran.exit_code for ran in (refused, checked, as_json)] == [status] * 3
+    told = json.loads(as_json.stdout)["study"]
+    assert told["exit"] == status
+    said = [f"modelsel: {sentence}" for sentence in told["refused"] or ()]
+    if status:
+        assert refused.stderr.splitlines() == said
+        assert "`modelsel study` refuses this study: " in checked.stdout
 
 
 def test_a_folder_is_no_measurements_file(tmp_path: Path) -> None:

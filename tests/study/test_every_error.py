@@ -8,11 +8,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from modelsel.config.study_file import Study
+from modelsel.config.study_file import Study, read_study
 from modelsel.exceptions import DataError, StudyError
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
-from modelsel.study.runner import rehearse_study
+from modelsel.study.runner import rehearse_study, run_study
 from modelsel.study.simulation import simulate_study
 from modelsel.study.whole_study import read_whole_study
 
@@ -80,9 +80,9 @@ def test_what_holds_no_names_is_wrong_all_the_same(tmp_path: Path, text: str) ->
 def test_effects_to_plant_are_checked_together(tmp_path: Path) -> None:
     effects = EFFECT.format(99, "nowhere") + EFFECT.format(1, "q1+")
     (tmp_path / "study.toml").write_text(PLAIN + effects)
-    frame = "simulate.effect 1: frame 99, but "
-    name = 'simulate.effect 1: unknown name "nowhere"'
-    formula = 'simulate.effect 2: "q1+" is not a cause'
+    frame = "study.toml: simulate.effect 1: frame 99, but "
+    name = 'study.toml: simulate.effect 1: unknown name "nowhere"'
+    formula = 'study.toml: simulate.effect 2: "q1+" is not a cause'
     expected = {
         rehearse_study: (frame, formula, "none.csv: no such file"),
         simulate_study: (frame, name, formula),
@@ -131,7 +131,8 @@ def write_targets(folder: Path) -> None:
 
 
 TARGETS = "[robot.tools_mm]\nA = [0, 0, 100]\nB = [0, 0, 100]\n"
-OF_TARGETS = PLAIN.replace("tool_mm = [0, 0, 100]\n", TARGETS)
+OF_TWO = ("tool_mm = [0, 0, 100]\n", TARGETS)
+OF_TARGETS = PLAIN.replace(*OF_TWO)
 OF_C = OF_TARGETS.replace('"geometric"', '"geometric", "target-step:C"')
 NO_C = 'model.base: "target-step:C": in the measurements the targets are A and B.'
 
@@ -208,9 +209,9 @@ def test_names_are_compared_with_the_file(tmp_path: Path) -> None:
     with pytest.raises(StudyError) as error:
         rehearse_study(tmp_path)
     assert [problem.partition(" in ")[0] for problem in error.value.problems] == [
-        "split.estimation = 30, but the file has 3 configurations: ask for fewer.",
-        'simulate.effect 1: unknown name "q9"',
-        'simulate.effect 1: unknown name "het"',
+        "study.toml: split.estimation = 30, but the file has 3 configurations: ask for fewer.",
+        'study.toml: simulate.effect 1: unknown name "q9"',
+        'study.toml: simulate.effect 1: unknown name "het"',
     ]
     columns = 'columns = { q1_dg = "J1", q2_deg = "J2" }\n'
     mapped = PLAIN.replace('"none.csv"\n', '"none.csv"\n' + columns)
@@ -218,8 +219,39 @@ def test_names_are_compared_with_the_file(tmp_path: Path) -> None:
     with pytest.raises(StudyError) as error:
         rehearse_study(tmp_path)
     unknown, absent = error.value.problems
-    assert unknown.startswith('measurements.columns: unknown column "q1_dg"')
+    assert unknown.startswith('study.toml: measurements.columns: unknown column "q1_dg"')
     assert '"J1", given for q1_dg; "J2", given for q2_deg.' in absent
+
+
+def test_a_problem_is_said_with_the_file_whatever_finds_it(tmp_path: Path) -> None:
+    """The same name is told by what reads the file, where a value is wrong, by what reads the
+    measurements, and by what simulates them; a study made in Python has no file."""
+    said = "simulate.effect 1: frame 9, but puma760 has frames 1 to 7."
+    text = PLAIN + EFFECT.format(9, "q1")
+    beside_values = problems_of(tmp_path, text.replace("seed = 1", "sed = 1"))
+    assert f"study.toml: {said}" in beside_values.splitlines()
+    write_targets(tmp_path)
+    (tmp_path / "study.toml").write_text(text.replace(*OF_TWO))
+    read = read_study(tmp_path)
+    for run in (rehearse_study, run_study, simulate_study):
+        with pytest.raises(StudyError) as error:
+            run(read, tmp_path)
+        assert error.value.problems == (f"study.toml: {said}",)
+    made = Study(**dict(read))
+    assert made == read
+    with pytest.raises(StudyError) as error:
+        rehearse_study(made, tmp_path)
+    assert error.value.problems == (said,)
+
+
+def test_what_is_found_last_is_said_with_the_file_too(tmp_path: Path) -> None:
+    write_targets(tmp_path)
+    by_group = '[comparison]\nby = "group"\n'
+    (tmp_path / "study.toml").write_text(PLAIN.replace(*OF_TWO) + by_group)
+    for run in (rehearse_study, run_study):
+        with pytest.raises(StudyError) as error:
+            run(tmp_path)
+        assert error.value.problems[0].startswith('study.toml: comparison.by = "group": ')
 
 
 def test_two_faults_of_the_data_are_one_refusal(tmp_path: Path) -> None:

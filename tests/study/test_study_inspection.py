@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from modelsel.config.study_file import Study
-from modelsel.exceptions import DataError, StudyError
+from modelsel.config.study_tables import ModelTable, SplitTable
+from modelsel.exceptions import DataError, NotEstimable, StudyError
 from modelsel.fitting.design import residuals
 from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.registry import BUILTIN
@@ -21,7 +22,7 @@ from modelsel.study.inspection import inspect_measurements
 from modelsel.study.inspection_text import format_inspection
 from modelsel.study.pipeline import list_unidentifiable
 from modelsel.study.preparation import prepare
-from modelsel.study.runner import run_study
+from modelsel.study.runner import rehearse_study, run_study
 from modelsel.study.study_inspection import inspect_study
 
 ROBOT = load_robot("puma760")
@@ -110,7 +111,7 @@ def test_check_tells_what_the_study_refuses(tmp_path: Path, rng: np.random.Gener
     with pytest.raises(DataError) as error:
         prepare(study, *_read(study, tmp_path))
     found = inspect_study(study, tmp_path)
-    assert found["study"]["refused"] == [str(error.value)]
+    assert found["study"] == {"refused": [str(error.value)], "exit": DataError.exit_code}
     lines = format_inspection(found)
     assert f"`modelsel study` refuses this study: {error.value}" in lines
 
@@ -134,11 +135,40 @@ def test_check_refuses_measurements_that_are_not_there(tmp_path: Path) -> None:
         inspect_study(make_study(tool_mm=TOOL), tmp_path)
 
 
+def test_check_tells_that_too_few_configurations_estimate(
+    tmp_path: Path, rng: np.random.Generator
+) -> None:
+    """What the study's first fit refuses is said by its rehearsals."""
+    write_data(tmp_path, rng, is_moved=False)
+    study = make_study(tool_mm=TOOL)
+    few = study.model_copy(update={"split": SplitTable(estimation=2)})
+    said = set()
+    for run in (run_study, rehearse_study):
+        with pytest.raises(NotEstimable, match="cannot determine") as error:
+            run(few, tmp_path)
+        said.add(str(error.value))
+    assert len(said) == 1
+    refused = {"refused": [*said], "exit": NotEstimable.exit_code}
+    assert inspect_study(few, tmp_path)["study"] == refused
+
+
+def test_check_tells_names_of_the_study_with_its_gear_ratios(
+    tmp_path: Path, rng: np.random.Generator
+) -> None:
+    """A base that only the study's gear ratios make is no reason to refuse it."""
+    write_data(tmp_path, rng, is_moved=False)
+    study = make_study(tool_mm=TOOL, gear_ratios=[0, 121, 0, 0, 0, 0])
+    base = ModelTable(base=["geometric", "gear-ripple:2:121"])
+    of_gear = study.model_copy(update={"model": base})
+    rehearse_study(of_gear, tmp_path)
+    assert inspect_study(of_gear, tmp_path)["study"]["refused"] is None
+
+
 @pytest.mark.parametrize("robot", [{"tool_mm": TOOL}, {"register": True}])
 def test_the_keys_of_a_file_are_those_of_a_study(
     robot: dict[str, object], tmp_path: Path, rng: np.random.Generator
 ) -> None:
-    """A study's own placement takes the place of the one that is found for a file."""
+    """A study's own registration takes the place of the file's; without one, the file's stays."""
     write_data(tmp_path, rng, is_moved=False)
     of_file = inspect_measurements(ROBOT, read_measurements(tmp_path / "m.csv", ROBOT))
     found = inspect_study(make_study(**robot), tmp_path)
@@ -146,6 +176,9 @@ def test_the_keys_of_a_file_are_those_of_a_study(
     assert found["geometry"].keys() == of_file["geometry"].keys()
     assert found["geometry"]["tool_mm"] is None
     assert found["registered"].keys() == of_file["registered"].keys()
+    if "register" not in robot:
+        assert found["registered"] == of_file["registered"]
+        return
     for key, value in found["registered"].items():
         assert value == found["study"][key]
 
