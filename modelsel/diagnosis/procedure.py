@@ -93,7 +93,7 @@ def diagnose(  # noqa: PLR0913  all but the first have defaults
     if estimation is not None:
         used = check_rows("estimation", estimation, rows)
     split = Split(problem, used, np.zeros(rows, bool), np.zeros(rows, np.intp), known_sigma=False)
-    registry = set_targets(registry, problem.data.targets)
+    registry = set_targets(registry, problem.data.targets, problem.data.listed_targets)
     mechanisms = [mechanism(name, problem.robot, registry) for name in base_names]
     with follow(None, progress) as say:
         _, diagnosis, _ = diagnose_split(

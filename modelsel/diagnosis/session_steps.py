@@ -21,6 +21,7 @@ from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
 from ..mechanisms import environment
 from ..mechanisms.campaign_registry import TARGET_STEP
+from ..mechanisms.target_names import number_targets
 from ..mechanisms.terms import Mechanism
 from ..robot.kinematics import Robot
 
@@ -107,19 +108,20 @@ def _list_target_steps(data: Measurements, estimation: Mask) -> dict[str, _Step]
     names = data.targets
     if len(names) == 1:
         return steps
+    numbers = number_targets(names, data.listed_targets)
     for target, name in enumerate(names):
         is_own = data.target == target
         rows = estimation & is_own
-        build = partial(_build_target_step, target, name)
+        build = partial(_build_target_step, target, name, numbers[target])
         step = _Step(build, rows, by_row=True)
         label = f"{TARGET_STEP}:{name}"
         steps[label] = step
     return steps
 
 
-def _build_target_step(target: int, name: str, robot: Robot, at: float) -> Mechanism:
+def _build_target_step(target: int, name: str, number: int, robot: Robot, at: float) -> Mechanism:
     step = environment.target_step(robot, at)
-    return environment.limit_to_target(step, target, name)
+    return environment.limit_to_target(step, target, name, number)
 
 
 def _tell_rows(problem: Problem, step: _Step, mechanisms: Sequence[Mechanism]) -> list[Mechanism]:

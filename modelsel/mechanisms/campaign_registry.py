@@ -11,6 +11,7 @@ from typing import TypeGuard
 from .._arguments import check_type
 from . import drives, environment
 from .registry import BUILTIN, REGISTRY_EXPECTED, Entry, Registry, Scanned, build_thermal
+from .target_names import number_targets
 
 TARGET_STEP = "target-step"
 
@@ -50,7 +51,7 @@ def set_targets(registry: Registry, targets: Sequence[str], listed: Sequence[str
     several = len(names) > 1 or len(listed) > 1
     if not several:
         names = ()
-    step = replace(entry, targets=names)
+    step = replace(entry, targets=names, numbers=number_targets(names, listed))
     return {**registry, TARGET_STEP: step}
 
 

@@ -215,10 +215,11 @@ def _rank(cause: Cause) -> int:
 @dataclass(frozen=True)
 class Member(Cause):
     """1 where a row belongs to one target or group, 0 elsewhere: offsets of targets, placements of
-    days."""
+    days. `number`: what it is called, where some that come before it were left out of the rows."""
 
     kind: str  # "target" or "group"
     index: int
+    number: int | None = None  # None: one more than the index
 
     def of(self, state: State) -> Array:
         return np.asarray(state.value(self.kind) == self.index, dtype=float)
@@ -231,7 +232,16 @@ class Member(Cause):
         return frozenset((self.kind,))
 
     def __str__(self) -> str:
-        return f"{self.kind}_{self.index + 1}"
+        number = self.index + 1 if self.number is None else self.number
+        return f"{self.kind}_{number}"
+
+
+def belongs_to_target(index: int, number: int | None = None) -> Member:
+    """Return the cause that is 1 in the rows of one of several targets (0-based); `number`: that of
+    the target in its file."""
+    if number == index + 1:
+        number = None
+    return Member("target", index, number)
 
 
 def wrap(value: Cause | float) -> Cause:

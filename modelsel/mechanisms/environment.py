@@ -13,7 +13,19 @@ from ..exceptions import one_line, write_percent
 from ..measurements.reference_temperature import REFERENCE, TEMPERATURE
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
-from .causes import ONE, Applied, Bump, Cause, Combined, Member, Named, Number, shifted, sign
+from .causes import (
+    ONE,
+    Applied,
+    Bump,
+    Cause,
+    Combined,
+    Member,
+    Named,
+    Number,
+    belongs_to_target,
+    shifted,
+    sign,
+)
 from .motors import drive_angle, drive_screws, name_drive
 from .terms import Mechanism, Screw, Term
 
@@ -175,9 +187,12 @@ def target_step(robot: Robot, at: float) -> Mechanism:
     )
 
 
-def limit_to_target(step: Mechanism, target: int, name: str) -> Mechanism:
-    """Limit a step of the targets to one of several (0-based), which slipped by itself."""
-    member = Member("target", target)
+def limit_to_target(
+    step: Mechanism, target: int, name: str, number: int | None = None
+) -> Mechanism:
+    """Limit a step of the targets to one of several (0-based), which slipped by itself; `number`:
+    that of the target in its file."""
+    member = belongs_to_target(target, number)
     terms = []
     for term in step.terms:
         (screw,) = term.screws

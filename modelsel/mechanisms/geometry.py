@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from ..measurements.features import Feature
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
-from .causes import ONE, Cause, Member
+from .causes import ONE, Cause, Member, belongs_to_target
 from .terms import FixtureTerm, Mechanism, Screw, Term, letter
 
 SETUP = "set-up"  # name of the placement and the targets: no error of the arm
@@ -52,17 +52,22 @@ def build_setup(
     register: bool,
     orientation: bool,
     features: Sequence[Feature] = (),
+    numbers: Sequence[int] = (),
 ) -> Mechanism:
     """Build what the measuring set-up leaves open: target offsets, target orientation, the
     tracker's placement(s), what is not known of the features that rows share.
 
     Several targets have an offset each; `groups` > 1 gives every group a placement of its own.
+    `numbers`: those of the targets in their file; by default 1, 2 and so on.
     """
     terms: list[Term] = []
     flange = robot.n + 1
     target_labels: list[tuple[Cause, str]] = [(ONE, "")]
     if targets > 1:
-        target_labels = [(Member("target", t), f"({t + 1})") for t in range(targets)]
+        numbers = numbers or range(1, targets + 1)
+        target_labels = [
+            (belongs_to_target(t, number), f"({number})") for t, number in enumerate(numbers)
+        ]
     group_labels: list[tuple[Cause, str]] = [(ONE, "")]
     if groups > 1:
         group_labels = [(Member("group", g), f"[{g + 1}]") for g in range(groups)]

@@ -36,13 +36,14 @@ class Scanned:
     joint, constant)`, or `build(robot, constant)` where `joints` is None; naming scans the
     constants and counts them all. `range`: between which real numbers the constant may lie where it
     is one; sampling then takes it as continuous. `targets`: names of several targets, of which each may
-    move by itself; None where they are not known."""
+    move by itself, None where they are not known; `numbers`: those of the targets in their file."""
 
     build: Callable[..., Mechanism]
     constants: Callable[..., tuple[float, ...]]
     joints: Callable[[Robot], tuple[int, ...]] | None = None
     range: tuple[float, float] | None = None
     targets: tuple[str, ...] | None = None
+    numbers: tuple[int, ...] = ()
 
 
 Entry = Callable[[Robot], Mechanism | None] | PerJoint | Scanned
@@ -222,7 +223,7 @@ def _build_of_targets(
     if number is not None:
         constant = given[len(targets[number]) + 1 :]
         steps = _build_scanned(name, None, constant or None, robot, entry)
-        return limit_steps(steps, number, targets)
+        return limit_steps(steps, number, targets, entry.numbers)
     refused = refuse_target(name, given, targets)
     if given and refused is not None:
         raise refused
@@ -234,7 +235,7 @@ def _build_of_targets(
     several = len(targets) > 1
     if several and not given:
         for number in range(len(targets)):
-            built += limit_steps(together, number, targets)
+            built += limit_steps(together, number, targets, entry.numbers)
     return tuple(built)
 
 

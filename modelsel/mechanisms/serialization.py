@@ -117,10 +117,12 @@ class CombinedRecord(_CauseRecord):
 
 
 class MemberRecord(_CauseRecord):
-    """One for the rows of one target or group, zero for the others."""
+    """One for the rows of one target or group, zero for the others; the number that it is called by,
+    where that is not one more than its index."""
 
     member: Literal["target", "group"]
     index: Whole
+    called: Whole | None = None
 
 
 class SplineRecord(_CauseRecord):
@@ -226,8 +228,9 @@ def cause_record(cause: Cause) -> dict[str, Any]:
             return {"function": function, "of": cause_record(argument)}
         case Combined(operator, left, right):
             return {"operator": operator, "left": cause_record(left), "right": cause_record(right)}
-        case Member(kind, index):
-            return {"member": kind, "index": index}
+        case Member(kind, index, number):
+            own = {} if number is None else {"called": number}
+            return {"member": kind, "index": index, **own}
         case Bump(name, centre, width):
             return {"spline": name, "centre": centre, "width": width}
     raise AssertionError(f"{type(cause).__name__} is one of KINDS without a record")
@@ -252,8 +255,8 @@ def _restore_cause(record: CauseRecord) -> Cause:
             return Applied(function, _restore_cause(argument))
         case CombinedRecord(operator=operator, left=left, right=right):
             return Combined(operator, _restore_cause(left), _restore_cause(right))
-        case MemberRecord(member=kind, index=index):
-            return Member(kind, index)
+        case MemberRecord(member=kind, index=index, called=number):
+            return Member(kind, index, number)
         case SplineRecord(spline=name, centre=centre, width=width):
             return Bump(name, centre, width)
 

@@ -20,12 +20,18 @@ def choose_target(given: str, targets: Sequence[str]) -> int | None:
     return max(numbers, key=lambda number: len(targets[number]), default=None)
 
 
+def number_targets(targets: Sequence[str], listed: Sequence[str] = ()) -> tuple[int, ...]:
+    """Number targets from 1 as their file does, which has `listed` more where some were left out."""
+    order = list(listed or targets)
+    return tuple(order.index(target) + 1 for target in targets)
+
+
 def limit_steps(
-    steps: Sequence[Mechanism], number: int, targets: Sequence[str]
+    steps: Sequence[Mechanism], place: int, targets: Sequence[str], numbers: Sequence[int]
 ) -> tuple[Mechanism, ...]:
-    """Limit steps of the targets to one of several (0-based)."""
-    name = targets[number]
-    return tuple(limit_to_target(step, number, name) for step in steps)
+    """Limit steps of the targets to one of several (0-based), by its name and number."""
+    name, number = targets[place], numbers[place]
+    return tuple(limit_to_target(step, place, name, number) for step in steps)
 
 
 def refuse_target(name: str, given: str, targets: Sequence[str]) -> StudyError | None:

@@ -18,6 +18,7 @@ from ..fitting.problem import Problem
 from ..mechanisms.campaign_registry import set_targets
 from ..mechanisms.geometry import build_setup
 from ..mechanisms.registry import Registry, mechanism
+from ..mechanisms.target_names import number_targets
 from ..mechanisms.terms import FixtureTerm, Mechanism, Screw
 from ..notices import Note
 from ..selection.evaluation import Evaluation, Split, evaluate, summarise_errors
@@ -66,6 +67,7 @@ def build_model(
         bool(study.robot.register_),
         data.rotation is not None,
         () if data.gauges is None else data.gauges.features,
+        number_targets(data.targets, data.listed_targets),
     )
     chosen = build_own_mechanisms(study, problem)
     chosen.update(constants or {})

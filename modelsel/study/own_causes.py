@@ -17,7 +17,7 @@ from ..exceptions import StudyError, one_line, sentence_list
 from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
 from ..mechanisms.cause_formulas import list_members, parse
-from ..mechanisms.causes import Cause, Member, Number
+from ..mechanisms.causes import Cause, Number, belongs_to_target
 from ..mechanisms.registry import Registry
 from ..mechanisms.terms import Mechanism, describe_frame_motion
 from ..notices import Note
@@ -114,7 +114,7 @@ def _place_members(data: Measurements) -> dict[str, Cause]:
         target = listed[member.index]
         if target in data.targets:
             index = data.targets.index(target)
-            placed[name] = Member("target", index)
+            placed[name] = belongs_to_target(index, member.index + 1)
         else:
             placed[name] = Number(0.0)
     return placed

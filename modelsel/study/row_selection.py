@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -161,8 +160,7 @@ def drop_unknown_targets(
         "target-unseen",
         f"{_describe_left_out(len(dropped))}: no estimation row measures target "
         f"{listed}, and its position is found from estimation rows. Let some of its "
-        "configurations fit the models, or give [robot.tools_mm] without register."
-        f"{_describe_numbers(data.targets, known)}",
+        "configurations fit the models, or give [robot.tools_mm] without register.",
     )
     kept = data.take(is_kept)
     kept = _renumber_targets(kept, known)
@@ -172,20 +170,6 @@ def drop_unknown_targets(
         gauges = replace(kept.gauges, origin=kept_origin)
         kept = replace(kept, gauges=gauges)
     return kept, estimation[is_kept], [note]
-
-
-def _describe_numbers(targets: Sequence[str], known: Index) -> str:
-    """Describe the numbers that the results give to targets which have other ones in the file."""
-    if len(known) < 2:
-        return ""
-    changed = [
-        f'target_{new} is "{targets[old]}"'
-        for new, old in enumerate(known.tolist(), 1)
-        if new != old + 1
-    ]
-    if not changed:
-        return ""
-    return f" In causes of the results {sentence_list(changed)}."
 
 
 def _describe_left_out(count: int) -> str:

@@ -294,7 +294,7 @@ def _choose_builder(problem: Problem, mechanism: Mechanism, entry: Scanned) -> B
 
     def build_limited(value: float) -> Mechanism:
         step = build(value)
-        return limit_to_target(step, index, name)
+        return limit_to_target(step, index, name, target.number)
 
     return build_limited
 

@@ -13,15 +13,21 @@ from hidden_effects import Values, at
 
 from modelsel import Study, load_robot, run_study
 from modelsel.config.study_file import parse_study
+from modelsel.config.study_tables import ModelTable
 from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate, build_candidates
 from modelsel.diagnosis.options import DiagnosisOptions
 from modelsel.diagnosis.prior_weights import weigh_outcomes
+from modelsel.diagnosis.session_steps import place_steps
 from modelsel.exceptions import StudyError
 from modelsel.fitting.design import Model
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
-from modelsel.mechanisms.registry import every, mechanism
+from modelsel.mechanisms.campaign_registry import set_targets
+from modelsel.mechanisms.environment import step_after
+from modelsel.mechanisms.registry import BUILTIN, build_mechanisms, every, mechanism
+from modelsel.mechanisms.serialization import cause_from_record, cause_record
+from modelsel.study.model_ladder import build_model
 from modelsel.study.own_causes import (
     build_own_candidates,
     build_own_mechanisms,
@@ -229,8 +235,6 @@ def leave_out(rng: np.random.Generator, names: str) -> Problem:
     estimation = np.arange(rows) >= 10
     kept, _, (note,) = drop_unknown_targets(data, estimation)
     assert note.code == "target-unseen"
-    numbered = 'In causes of the results target_1 is "B" and target_2 is "C".'
-    assert (numbered in note.sentence) == (len(names) == 2)
     return Problem(ROBOT, kept, np.zeros((len(kept.targets), 3)))
 
 
@@ -246,6 +250,29 @@ def test_targets_keep_the_numbers_of_the_file(
     ((screw,),) = [term.screws for term in mine.terms]
     expected = at.data.covariates["load"] * (at.data.target == target)
     np.testing.assert_array_equal(screw.cause.of(at.state), expected)
+    assert str(screw.cause) == f"target_{number}*load"
+    record = cause_record(screw.cause)
+    assert str(cause_from_record(record)) == str(screw.cause)
+
+
+@pytest.mark.unit
+def test_every_cause_of_a_target_has_the_number_of_the_file(rng: np.random.Generator) -> None:
+    """Those of the set-up, of a step that is named, and of one whose moment the data tell."""
+    at = leave_out(rng, "BC")
+    base = ["geometric", "target-step:C:0.5"]
+    study = ask("none.csv").model_copy(update={"model": ModelTable(base=base)})
+    model = build_model(study, at, BUILTIN, base)
+    printed = {str(screw.cause) for term in model.terms for screw in term.screws}
+    step = step_after(0.5)
+    assert printed == {"1", "target_2", "target_3", f"{step}*target_3"}
+    assert {term.symbol[-3:] for term in model.terms if "(" in term.symbol} == {"(2)", "(3)"}
+    registry = set_targets(BUILTIN, at.data.targets, at.data.listed_targets)
+    scanned = build_mechanisms("target-step:C", at.robot, registry)
+    every_row = np.ones(len(at), bool)
+    told = place_steps(at, every_row, scanned)
+    causes = {str(mechanism.terms[0].screws[0].cause) for mechanism in told}
+    assert causes
+    assert all(cause.endswith("*target_3") for cause in causes)
 
 
 @pytest.mark.unit
