@@ -74,12 +74,27 @@ def compile_pdf(
         order, chosen = arrange(sections, partial(_set, folder, content))
         fullest = FULL
         if chosen.pages > 1 and chosen.last < MIN_LAST:
-            for room in ROOMS:
-                tight_order, tight = arrange(order, partial(_set, folder, content, room=room))
-                if tight.pages < chosen.pages:
-                    order, fullest = tight_order, room
-                    break
+            order, fullest = _spare_last(folder, content, order, chosen)
         return _export(folder, content, order, fullest)
+
+
+def _spare_last(
+    folder: Path, content: Mapping[str, Any], order: list[Section], chosen: _Typeset
+) -> tuple[list[Section], str]:
+    """Return the order and the room that spare the last page, those that are there where none do: less
+    room first, and sections in other places then."""
+    spared = chosen.pages - 1
+    for room in ROOMS:
+        typeset = partial(_set, folder, content, room=room)
+        tight_order, tight = arrange(order, typeset)
+        if tight.pages <= spared:
+            return tight_order, room
+    # what stands on the last page may fit into the white of the others
+    if sum(tight.white) >= tight.last:
+        tight_order, tight = arrange(tight_order, typeset, spared)
+    if tight.pages <= spared:
+        return tight_order, room
+    return order, FULL
 
 
 def _set(

@@ -1,5 +1,5 @@
 """The order of a report's sections: those with a large picture change places with the next ones where
-a page would stay half empty."""
+a page would stay half empty, or the last one nearly so."""
 
 from __future__ import annotations
 
@@ -40,16 +40,18 @@ def split_sections(blocks: Sequence[Block]) -> list[Section]:
 
 
 def arrange(
-    sections: Sequence[Section], typeset: Callable[[Sequence[Section]], Set]
+    sections: Sequence[Section],
+    typeset: Callable[[Sequence[Section]], Set],
+    most_pages: int | None = None,
 ) -> tuple[list[Section], Set]:
-    """Return the sections in an order that leaves no page half empty, if there is one, and the report set
-    so. The first sections and the last stay where they are."""
+    """Return the sections in an order that leaves no page half empty and takes `most_pages`, if there is
+    one, and the report set so. The first sections and the last stay where they are."""
     order = list(sections)
     chosen = typeset(order)
     for _ in range(MAX_MOVED):
-        if _find_white(chosen) <= MAX_WHITE:
+        if _is_filled(chosen) and (most_pages is None or chosen.pages <= most_pages):
             break
-        best = _move_one(order, chosen, typeset)
+        best = _move_one(order, chosen, typeset, most_pages)
         if best[1] is chosen:
             break
         order, chosen = best
@@ -57,10 +59,14 @@ def arrange(
 
 
 def _move_one(
-    order: list[Section], chosen: Set, typeset: Callable[[Sequence[Section]], Set]
+    order: list[Section],
+    chosen: Set,
+    typeset: Callable[[Sequence[Section]], Set],
+    most_pages: int | None,
 ) -> tuple[list[Section], Set]:
     """Return the best order with one section in another place, or the order as it is."""
     best = order, chosen
+    enough = chosen.pages if most_pages is None else most_pages
     moves = _list_moves(order, chosen.white)
     for other in moves[:MAX_TRIED]:
         tried = typeset(other)
@@ -68,8 +74,7 @@ def _move_one(
         least = _count_waste(best[1])
         if waste < least:
             best = other, tried
-        is_filled = _find_white(tried) <= MAX_WHITE
-        if is_filled and tried.pages <= chosen.pages:
+        if _is_filled(tried) and tried.pages <= enough:
             break
     return best
 
@@ -117,6 +122,11 @@ def _is_large(section: Section) -> bool:
         kind = block["kind"]
         kinds.append(kind)
     return "together" in kinds
+
+
+def _is_filled(report: Typeset) -> bool:
+    """Return whether little stays white before each large picture."""
+    return _find_white(report) <= MAX_WHITE
 
 
 def _find_white(report: Typeset) -> float:

@@ -31,14 +31,14 @@ def name_section(section):
     return (first["blocks"][0] if first["kind"] == "together" else first)["text"]
 
 
-def typeset(sections):
+def typeset(sections, heights=HEIGHTS):
     """Fill pages as a typesetter does: what is large stands on one page."""
     filled, white = 0.0, []
     for name in map(name_section, sections):
         rest = ceil(filled + 1e-9) - filled
-        moves = name in LARGE and HEIGHTS[name] > rest
+        moves = name in LARGE and heights[name] > rest
         white += [rest if moves else 0.0] if name in LARGE else []
-        filled += HEIGHTS[name] + (rest if moves else 0.0)
+        filled += heights[name] + (rest if moves else 0.0)
     return Set(ceil(filled), tuple(white))
 
 
@@ -54,6 +54,25 @@ def test_another_section_fills_the_page_before_a_large_picture() -> None:
     names = [name_section(section) for section in order]
     assert max(after.white) <= MAX_WHITE
     assert after.pages <= before.pages
+    assert (names[0], names[-1]) == ("first", "last")
+    assert sorted(names) == sorted(HEIGHTS)
+
+
+def test_the_last_page_is_spared_where_that_is_wanted() -> None:
+    """Nothing moves for white of less than a fifth of a page, until the last page is to be spared."""
+    heights = {"first": 0.85, "map": 0.6, "list": 0.1, "data": 0.15, "last": 0.2}
+
+    def fill(sections):
+        return typeset(sections, heights)
+
+    sections = make_sections()
+    order, before = arrange(sections, fill)
+    assert order == sections
+    assert before.pages == 3
+    assert max(before.white) <= MAX_WHITE
+    order, after = arrange(sections, fill, before.pages - 1)
+    assert after.pages == 2
+    names = [name_section(section) for section in order]
     assert (names[0], names[-1]) == ("first", "last")
     assert sorted(names) == sorted(HEIGHTS)
 
