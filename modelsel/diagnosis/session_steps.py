@@ -31,8 +31,6 @@ STEPS: dict[str, Build] = {
     "fault:tracker-bumped": environment.tracker_bumped,
     TARGET_STEP: environment.target_step,
 }
-# what stands elsewhere after them is the instrument, which is moved between sessions
-OF_INSTRUMENT = ("tracker-step", "fault:tracker-bumped")
 # moments where groups meet, at most: more groups are no sessions
 MOST_CHANGES = 20
 # digits of a moment of the campaign
@@ -52,8 +50,9 @@ def place_steps(
     problem: Problem, estimation: Mask, mechanisms: Sequence[Mechanism]
 ) -> tuple[Mechanism, ...]:
     """Place the steps among some mechanisms where sessions meet: those that the `estimation` rows (m,)
-    cannot tell from a step there give way to it. Steps of a joint's zero and
-    of one target of several are told by the row elsewhere.
+    cannot tell from a step there give way to it. Steps of a joint's zero and of one target of several
+    are told by the row elsewhere. What may have moved a few rows from where sessions meet, as held-out
+    rows lie there, is told to stand from about there on.
 
     Sessions are the groups of the measurements, where they follow one another."""
     robot = problem.robot
@@ -66,7 +65,8 @@ def place_steps(
     for _, step in sorted(there.items()):
         progress = problem.data.progress[step.rows]
         for moment, _ in moments:
-            begins = _say_begin(moments, moment, progress, step.by_row)
+            about = step.by_row or _has_open_rows(problem.data.progress, progress, moment)
+            begins = _say_begin(moments, moment, progress, about)
             same = _list_same(robot, step.build, moment, progress)
             placed = [m for m in placed if m not in same]
             placed.append(_tell(step.build(robot, moment), begins))
@@ -187,11 +187,22 @@ def _list_meetings(data: Measurements) -> list[tuple[float, str]]:
     return moments
 
 
+def _has_open_rows(every: Array, progress: Array, moment: float) -> bool:
+    """Whether some of `every` row (m,) lie between the two around a moment of which the progress (n,)
+    is given."""
+    before = progress[progress < moment]
+    after = progress[progress > moment]
+    last = before.max(initial=-np.inf)
+    first = after.min(initial=np.inf)
+    between = (last < every) & (every < first)
+    return bool(between.any())
+
+
 def _say_begin(
-    moments: Sequence[tuple[float, str]], moment: float, progress: Array, by_row: bool
+    moments: Sequence[tuple[float, str]], moment: float, progress: Array, about: bool
 ) -> str:
     """Say with which group a step begins; with which it may, where no row of some progress (m,) lies
-    between them. What is told `by_row` elsewhere need not have happened between two groups."""
+    between them. What begins `about` there need not have happened between two groups."""
     before = progress < moment
     alike = []
     for other, name in moments:
@@ -199,7 +210,7 @@ def _say_begin(
         if is_same.all():
             alike.append(name)
     names = " or ".join(alike)
-    if by_row:
+    if about:
         return f"from about the beginning of the group {names} on"
     return f"from the group {names} on"
 

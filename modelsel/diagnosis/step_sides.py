@@ -17,7 +17,7 @@ from ..mechanisms.environment import find_moved_target
 from ..mechanisms.step_moments import list_step_moments
 from ..mechanisms.terms import Mechanism
 from .effects import Effect
-from .session_steps import OF_INSTRUMENT, list_changes, name_steps
+from .session_steps import name_steps
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,9 +38,8 @@ def find_open_sides(
     """Find the held-out rows whose side of a fitted model's steps is not known.
 
     `used` (m,): the rows that it was fitted to. Where more than one moment of a step is likely, as the
-    credible sets of `effects` tell, the rows between these are open, too. A step of the instrument
-    where sessions meet, between which it is moved, leaves none open but those of sessions without
-    estimation rows; a joint or a target may as well have slipped a few rows from there."""
+    credible sets of `effects` tell, the rows between these are open, too. So are rows around where
+    sessions meet: the instrument, a joint or a target may have moved a few rows from there."""
     steps = name_steps(problem)
     found = []
     for mechanism in mechanisms:
@@ -88,25 +87,11 @@ def _find_open(
         return None
     last = earlier[progress[earlier].argmax()]
     first = later[progress[later].argmin()]
-    low, high = progress[last], progress[first]
-    if step in OF_INSTRUMENT:
-        low, high = _narrow(problem, moments, low, high)
-    between = (low < progress) & (progress < high)
+    between = (progress[last] < progress) & (progress < progress[first])
     rows = between & moved & ~used
     if not rows.any():
         return None
     return OpenSide(step, rows, int(last), int(first))
-
-
-def _narrow(
-    problem: Problem, moments: Sequence[float], low: float, high: float
-) -> tuple[float, float]:
-    """Narrow an interval to the moments in it where sessions meet, if the step stands at such ones."""
-    changes = [moment for moment, _ in list_changes(problem.data)]
-    if not set(moments) <= set(changes):
-        return low, high
-    within = [moment for moment in changes if low < moment < high]
-    return within[0], within[-1]
 
 
 def mark_open(sides: Sequence[OpenSide], held_out: Mask) -> Mask:

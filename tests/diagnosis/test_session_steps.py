@@ -62,9 +62,14 @@ def test_a_step_stands_where_the_groups_meet(rng: np.random.Generator) -> None:
 
 @pytest.mark.unit
 def test_it_is_told_by_the_group(rng: np.random.Generator) -> None:
+    """Where the rows on both sides estimate, the group it is; where some are held out, about that."""
     at = campaign([0] * 30 + [1] * 30, 0.0, rng)
-    sentences = [one.sentence for one in place_steps(at, training(at), build_faults(ROBOT))]
-    assert sum('from the group "station 1" on.' in one for one in sentences) == 1
+    every_row = np.ones(60, bool)
+    told = {"from": every_row, "from about the beginning of": training(at)}
+    for begins, used in told.items():
+        placed = place_steps(at, used, build_faults(ROBOT))
+        sentences = [one.sentence for one in placed if one.name == "fault:tracker-bumped"]
+        assert sum(one.endswith(f' {begins} the group "station 1" on.') for one in sentences) == 1
 
 
 @pytest.mark.unit
@@ -133,7 +138,7 @@ def test_what_may_begin_with_either_of_two_groups_is_told_so(rng: np.random.Gene
     at = campaign([0] * 40 + [1] * 6 + [2] * 54, 0.0, rng)
     used = np.asarray(at.data.group != 1)
     placed = place_steps(at, used, build_faults(ROBOT))
-    told = 'from the group "station 1" or "station 2" on.'
+    told = 'from about the beginning of the group "station 1" or "station 2" on.'
     sentences = [one.sentence for one in placed if one.name == "fault:tracker-bumped"]
     assert sum(one.endswith(told) for one in sentences) == 2
-    assert not any(one.endswith('from the group "station 1" on.') for one in sentences)
+    assert not any(one.endswith('the group "station 1" on.') for one in sentences)

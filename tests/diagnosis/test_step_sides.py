@@ -107,18 +107,16 @@ def test_every_likely_moment_counts(rng: np.random.Generator) -> None:
     assert np.flatnonzero(side.rows).tolist() == [57, 60]
 
 
-def test_a_step_where_groups_meet_leaves_none_open(rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("step", [zero_step(ROBOT, 4, 0.595), tracker_bumped(ROBOT, 0.595)])
+def test_what_stepped_may_have_done_so_beside_where_groups_meet(
+    step: Mechanism, rng: np.random.Generator
+) -> None:
+    """The estimation rows alone tell when: of 14 instruments that were bumped two or three rows from
+    there, four held-out errors were 1.5 to 3 times too large."""
     at = campaign([0] * 60 + [1] * 41, rng)
-    step = tracker_bumped(ROBOT, 0.595)
-    assert not find_open_sides(at, without(58, 59, 60, 61), [step], likely(step))
-
-
-def test_a_joint_may_have_slipped_beside_where_groups_meet(rng: np.random.Generator) -> None:
-    """No joint is moved on its axis between two sessions: the estimation rows alone tell when."""
-    at = campaign([0] * 60 + [1] * 41, rng)
-    step = zero_step(ROBOT, 4, 0.595)
     (side,) = find_open_sides(at, without(58, 59, 60, 61), [step], likely(step))
     assert np.flatnonzero(side.rows).tolist() == [58, 59, 60, 61]
+    assert not find_open_sides(at, without(57, 62), [step], likely(step))
 
 
 def test_a_group_without_estimation_rows_is_open(rng: np.random.Generator) -> None:
@@ -126,7 +124,7 @@ def test_a_group_without_estimation_rows_is_open(rng: np.random.Generator) -> No
     at = campaign([0] * 60 + [1] * 2 + [2] * 39, rng)
     step = tracker_bumped(ROBOT, 0.595)
     (side,) = find_open_sides(at, without(59, 60, 61, 62), [step], likely(step))
-    assert np.flatnonzero(side.rows).tolist() == [60, 61]
+    assert np.flatnonzero(side.rows).tolist() == [59, 60, 61, 62]
 
 
 def test_moments_of_a_cause_are_found() -> None:
