@@ -218,8 +218,8 @@ def read_checked(
     with found.of_data():
         labels = read_split_labels(study, folder, measured)
     if robot is not None and measured is not None:
-        registry = set_reference(registry, measured.reference_celsius)
         registry = set_targets(registry, measured.targets)
+        registry = set_reference(registry, measured.reference_celsius)
         _check_against_data(study, robot, measured, labels, registry, found)
     return measured, labels, registry
 
