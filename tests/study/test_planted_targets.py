@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 from pathlib import Path
 
 import numpy as np
@@ -151,6 +152,9 @@ def test_every_form_carries_it_or_says_that_it_does_not(
         assert 'error of target "near"' in said
     else:
         assert "cannot carry" not in said
+    if form == "json":
+        effects = json.loads(out.read_text())["effects"]
+        assert {one["target"] for one in effects if "progress" in one["prints"]} == {"2"}
     if form == "csv":
         rows = list(csv.DictReader(out.read_text().splitlines()))
         assert {row["target"] for row in rows if "progress" in row["cause"]} == {"2"}

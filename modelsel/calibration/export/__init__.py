@@ -149,7 +149,7 @@ def _measure_left_out(c: Calibration, restricted: Calibration, target: int) -> A
 
 def to_json(c: Calibration, notes: Sequence[str] = ()) -> Exported:
     """Write the constant corrections of every frame and every other screw, with its cause as
-    structure."""
+    structure, and with its target where it is of one of several."""
     record = {
         "schema": 1,
         "kind": "corrections",
@@ -161,6 +161,7 @@ def to_json(c: Calibration, notes: Sequence[str] = ()) -> Exported:
         "constant": {name: constant_entries(c, t).tolist() for t, name in enumerate(c.targets)},
         "effects": [
             {
+                **({} if target is None else {"target": target}),
                 "mechanism": p.mechanism,
                 "symbol": p.term.symbol,
                 "frame": s.frame,
@@ -171,12 +172,24 @@ def to_json(c: Calibration, notes: Sequence[str] = ()) -> Exported:
                 "standard_error": p.error,
                 "unit": p.term.unit,
             }
-            for p in split_parts(c)[1]
+            for target, p in _list_varying(c)
             for s in p.term.screws
         ],
     }
     text = json.dumps(record, ensure_ascii=False, indent=1, allow_nan=False) + "\n"
     return measure_whole(c, text, lambda text, t: _parse_json(json.loads(text), c.targets[t]))
+
+
+def _list_varying(c: Calibration) -> list[tuple[str | None, Part]]:
+    """List the parts that vary with the state: those of every target, with None, once; then those of
+    single targets with their names."""
+    of_targets = [split_parts(c, target)[1] for target in range(len(c.targets))]
+    first, *others = of_targets
+    shared = [part for part in first if all(part in parts for parts in others)]
+    listed: list[tuple[str | None, Part]] = [(None, part) for part in shared]
+    for name, parts in zip(c.targets, of_targets, strict=True):
+        listed += [(name, part) for part in parts if part not in shared]
+    return listed
 
 
 def _parse_json(record: Mapping[str, Any], target: str) -> list[Part]:
@@ -193,6 +206,7 @@ def _parse_json(record: Mapping[str, Any], target: str) -> list[Part]:
             0.0,
         )
         for e in record["effects"]
+        if e.get("target", target) == target
     ]
 
 
