@@ -6,7 +6,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from ..mechanisms.causes import ONE, Cause
-from ..mechanisms.environment import split_target, step_after
+from ..mechanisms.environment import step_after
+from ..mechanisms.moved_targets import split_target
 from ..mechanisms.step_moments import find_step_moments
 from ..mechanisms.terms import Term, TermKey
 from .calibration import Calibration

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..exceptions import CHECK_FAILED, one_line
+from ..exceptions import CHECK_FAILED, one_line, sentence_list
 from ._options import json_option, print_json, print_prose
 
 if TYPE_CHECKING:
@@ -99,9 +99,9 @@ def _show(name: str | None, robot: str, as_json: bool) -> None:
             for line in explained:
                 print_prose(line)
             return
-    target = None
+    targets: tuple[str, ...] = ()
     if name and waits_for_targets(name, registry):
-        target, registry = _add_target(name, registry)
+        targets, registry = _add_targets(name, registry)
     faults = find_faults(name, arm) if name else ()
     mechanisms = faults or (build_mechanisms(name, arm, registry) if name else every(arm, registry))
     cards = _list_cards(mechanisms)
@@ -110,7 +110,7 @@ def _show(name: str | None, robot: str, as_json: bool) -> None:
         return
     for card in cards:
         _print_card(card, in_full=name is not None)
-    _explain_targets(name, target)
+    _explain_targets(name, targets)
     if name and not cards:
         print_prose(f"{name} does not apply to {robot}.")
     if not name:
@@ -121,33 +121,40 @@ def _show(name: str | None, robot: str, as_json: bool) -> None:
         click.echo(f"plug-in {plugin} is left out: {reason}")
 
 
-def _explain_targets(name: str | None, target: str | None) -> None:
-    """Explain a name that is of a target of several, or may be."""
+def _explain_targets(name: str | None, targets: Sequence[str]) -> None:
+    """Explain a name that is of some targets of several, or may be."""
     from ..mechanisms.campaign_registry import TARGET_STEP
+    from ..mechanisms.moved_targets import JOINED
 
-    if target is not None:
+    numbered = [f"target_{k} is {one_line(target)}" for k, target in enumerate(targets, 1)]
+    if numbered:
+        has_its_number = "it has its number" if len(numbered) == 1 else "they have their numbers"
         print_prose(
-            f"Here target_1 is {one_line(target)}; in results it has its number among the targets of "
-            "the measurements."
+            f"Here {sentence_list(numbered)}; in results {has_its_number} among the targets of the "
+            "measurements."
         )
     if name == TARGET_STEP:
-        print_prose(f"Of several targets, each may move by itself: {TARGET_STEP}:NAME.")
+        print_prose(
+            f"Of several targets, each may move by itself: {TARGET_STEP}:NAME. Some that move alike "
+            f"are told together: {TARGET_STEP}:NAME{JOINED}NAME."
+        )
 
 
-def _add_target(name: str, registry: Registry) -> tuple[str | None, Registry]:
-    """Find the target that a name is of, None where it is of a constant alone, and add it to the
-    registry as the one that is asked for of several. Raises StudyError where nothing is named."""
+def _add_targets(name: str, registry: Registry) -> tuple[tuple[str, ...], Registry]:
+    """Find the targets that a name is of, none where it is of a constant alone, and add them to the
+    registry as those that are asked for of several. Raises StudyError where nothing is named."""
     from ..exceptions import StudyError
     from ..mechanisms.campaign_registry import set_targets
+    from ..mechanisms.moved_targets import JOINED
 
     _, _, given = name.partition(":")
     if not given:
         raise StudyError(f'"{name}": the name of a target is missing after the colon.')
-    target = _drop_moment(given)
-    if not target:
-        return None, registry
-    listed = (target, "another")
-    return target, set_targets(registry, [target], listed)
+    moved = _drop_moment(given)
+    if not moved:
+        return (), registry
+    targets = tuple(moved.split(JOINED))
+    return targets, set_targets(registry, targets, (*targets, "another"))
 
 
 def _drop_moment(given: str) -> str:

@@ -20,6 +20,7 @@ from ..fitting.problem import Problem
 from ..mechanisms.motors import is_joint_motion
 from ..mechanisms.terms import Mechanism
 from .candidates import Candidate
+from .common_steps import generate_common_steps
 from .contenders import Contenders, gather_contenders
 from .distinct_places import Place, find_alike
 from .effects import Claim, find_level
@@ -45,11 +46,13 @@ SMALL_BESIDE = 0.25
 
 class Weighed(NamedTuple):
     """The probability (4,) of every level of effects by their candidates, that of each name that they
-    depend on, and candidates that tell some effects better: (the effects, the candidate)."""
+    depend on, candidates that tell some effects better: (the effects, the candidate), and further
+    constants of these."""
 
     levels: dict[int, Array]
     drivers: dict[int, dict[str, float]]
     better: list[tuple[tuple[int, ...], Candidate]]
+    constants: tuple[Candidate, ...] = ()
 
 
 class WeighedAlone(NamedTuple):
@@ -69,6 +72,8 @@ def weigh_claims(search: Search, view: View, chosen: Sequence[int]) -> Weighed:
     better: list[tuple[tuple[int, ...], Candidate]] = []
     rivals = {g: list_rivals_beside(search, view, g) for g in chosen}
     company = list_company(search.problem, {g: _price_together(search, g) for g in chosen})
+    common = list(generate_common_steps(search, chosen))
+    company += common
     contenders = _gather_all(search, view, rivals.values(), company)
     for g in chosen:
         levels[g], drivers[g], shape = weigh_alone(search, g, rivals[g], contenders)
@@ -89,7 +94,8 @@ def weigh_claims(search: Search, view: View, chosen: Sequence[int]) -> Weighed:
         levels[g] = np.where(SHAPED, levels[g] * share, levels[g])
     for g, share in weigh_aliases(search, chosen).items():
         levels[g] = np.where(SHAPED, levels[g] * share, levels[g])
-    return Weighed(levels, drivers, better)
+    constants = tuple(step for group in common for step in group.shapes)
+    return Weighed(levels, drivers, better, constants)
 
 
 def _gather_all(

@@ -145,7 +145,7 @@ def _take_shapes(concluded: Conclusion, weighed: Weighed) -> Conclusion | None:
     """Put shapes that explain effects better in their place, and continue the search with these;
     None where the data do not determine them."""
     explored, start = concluded.explored, concluded.view.fitted
-    reshaped = take_shapes(explored, concluded.chosen, start, weighed.better)
+    reshaped = take_shapes(explored, concluded.chosen, start, weighed.better, weighed.constants)
     return None if reshaped is None else conclude(reshaped)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from ..mechanisms.environment import find_moved_target
+from ..mechanisms.moved_targets import find_moved_targets
 from ..mechanisms.terms import Mechanism
 
 # findings that a name is credited with before any outcome is known: what nine in ten that are
@@ -41,8 +41,7 @@ def weigh_names(mechanisms: Sequence[Mechanism], weights: Mapping[str, float]) -
     weighed = {}
     for m in mechanisms:
         name = m.name
-        target = find_moved_target(m)
-        if target is not None:
+        if find_moved_targets(m):
             stems[name] = m.stem
         weighed[name] = choose_weight(name, weights)
     sharing = Counter(stems.values())

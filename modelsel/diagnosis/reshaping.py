@@ -71,10 +71,14 @@ def _list_more(search: Search, joints: Collection[int]) -> list[Candidate]:
 
 
 def take_shapes(
-    explored: Exploration, chosen: Sequence[int], start: Fit, better: Sequence[Better]
+    explored: Exploration,
+    chosen: Sequence[int],
+    start: Fit,
+    better: Sequence[Better],
+    constants: Sequence[Candidate] = (),
 ) -> Exploration | None:
     """Replace chosen effects by the shapes that explain them better, and continue the search; None
-    where the data do not determine these.
+    where the data do not determine these. Of `constants`, those of the shapes' names are offered, too.
 
     An effect that was replaced once is not replaced again."""
     before, path = explored.search, list(explored.progress.path)
@@ -94,6 +98,11 @@ def take_shapes(
         if g == len(candidates):
             candidates.append(candidate)
         added.append(g)
+    names = {candidates[g].mechanism.name for g in added}
+    for one in constants:
+        if one.mechanism.name in names and one.mechanism not in place:
+            place[one.mechanism] = len(candidates)
+            candidates.append(one)
     shapes = tuple(candidates[len(before.candidates) :])
     search = before.offer(shapes) if shapes else before
     left += [g for g in dict.fromkeys(added) if g not in left]

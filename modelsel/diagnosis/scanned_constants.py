@@ -12,7 +12,7 @@ from .._typing import Array
 from ..fitting.problem import Problem
 from ..mechanisms.campaign_registry import TARGET_STEP
 from ..mechanisms.causes import Cause
-from ..mechanisms.environment import find_moved_target
+from ..mechanisms.moved_targets import find_moved_targets
 from ..mechanisms.terms import Mechanism
 
 # coordinates that a step needs before and after it, for each of its numbers: two or three rows far
@@ -31,7 +31,7 @@ def drop_equal_constants(problem: Problem, mechanisms: Sequence[Mechanism]) -> l
     earlier: dict[tuple[object, ...], list[list[Mechanism]]] = {}
     groups: list[list[Mechanism]] = []
     for m in mechanisms:
-        is_own_step = m.stem == TARGET_STEP and find_moved_target(m) is not None
+        is_own_step = m.stem == TARGET_STEP and bool(find_moved_targets(m))
         if constants[m.name] == 1 and not is_own_step:
             groups.append([m])
         elif has_both_sides(problem, m):
@@ -60,17 +60,26 @@ def _find_same(
 
 
 def has_both_sides(problem: Problem, mechanism: Mechanism) -> bool:
-    """Return whether a step has enough coordinates before and after it, of the target that it moves
-    where it moves one of several; true of what is no step."""
-    cause = mechanism.terms[0].screws[0].cause
-    values = np.asarray(cause.of(problem.state))
-    target = find_moved_target(mechanism)
-    if target is not None:
-        is_moved = target.of(problem.state) > 0
-        values = values[is_moved]
-        # a target that was measured on one side alone has only been somewhere else all along
-        if len(np.unique(values)) < 2:
+    """Return whether a step has enough coordinates before and after it, of every target that it moves
+    where it moves some of several; true of what is no step."""
+    screws = mechanism.terms[0].screws
+    targets = find_moved_targets(mechanism) or (None,)
+    for screw, target in zip(screws, targets, strict=False):
+        values = np.asarray(screw.cause.of(problem.state))
+        if target is not None:
+            is_moved = target.of(problem.state) > 0
+            values = values[is_moved]
+            # a target that was measured on one side alone has only been somewhere else all along
+            if len(np.unique(values)) < 2:
+                return False
+        if not _has_both(problem, mechanism, values):
             return False
+    return True
+
+
+def _has_both(problem: Problem, mechanism: Mechanism, values: Array) -> bool:
+    """Return whether enough coordinates have either end of a cause's values, where there is nothing
+    between these."""
     is_before = values == values.min()
     is_after = values == values.max()
     if not (is_before | is_after).all():

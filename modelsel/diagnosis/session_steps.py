@@ -8,7 +8,7 @@ the wrong side."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -21,9 +21,11 @@ from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
 from ..mechanisms import environment
 from ..mechanisms.campaign_registry import TARGET_STEP
+from ..mechanisms.moved_targets import limit_to_targets
 from ..mechanisms.target_names import number_targets
 from ..mechanisms.terms import Mechanism
 from ..robot.kinematics import Robot
+from .scanned_constants import drop_equal_constants
 
 Build = Callable[[Robot, float], Mechanism]
 STEPS: dict[str, Build] = {
@@ -112,16 +114,49 @@ def _list_target_steps(data: Measurements, estimation: Mask) -> dict[str, _Step]
     for target, name in enumerate(names):
         is_own = data.target == target
         rows = estimation & is_own
-        build = partial(_build_target_step, target, name, numbers[target])
+        build = partial(_build_target_step, {target: name}, numbers)
         step = _Step(build, rows, by_row=True)
         label = f"{TARGET_STEP}:{name}"
         steps[label] = step
     return steps
 
 
-def _build_target_step(target: int, name: str, number: int, robot: Robot, at: float) -> Mechanism:
+def _build_target_step(
+    targets: Mapping[int, str], numbers: Sequence[int], robot: Robot, at: float
+) -> Mechanism:
     step = environment.target_step(robot, at)
-    return environment.limit_to_target(step, target, name, number)
+    return limit_to_targets(step, targets, numbers)
+
+
+def build_common_steps(
+    problem: Problem, targets: Collection[int], moments: Collection[float]
+) -> list[Mechanism]:
+    """Build steps of some targets of several (0-based), shifted alike, at some moments, each told by
+    where it begins. Those between the same rows of these targets are one."""
+    data = problem.data
+    moved = {target: data.targets[target] for target in sorted(targets)}
+    numbers = number_targets(data.targets, data.listed_targets)
+    own = data.take(np.isin(data.target, list(moved)))
+    meetings = _list_meetings(data)
+    built = []
+    for at in sorted(moments):
+        step = _build_target_step(moved, numbers, problem.robot, at)
+        begins = _say_begin(meetings, at, own.progress, about=True) or _say_row(own, at)
+        if begins:
+            built.append(_tell(step, begins))
+    return drop_equal_constants(problem, built)
+
+
+def _say_row(data: Measurements, at: float) -> str:
+    """Say with about which row of some a step begins; nothing where all are on one side of it."""
+    after = np.flatnonzero(data.progress > at)
+    if not 0 < len(after) < len(data):
+        return ""
+    earliest = data.progress[after].argmin()
+    first = after[earliest]
+    index = data.row[first]
+    begins = data.where.name_row_alone(int(index))
+    return f"from about {begins} on"
 
 
 def _tell_rows(problem: Problem, step: _Step, mechanisms: Sequence[Mechanism]) -> list[Mechanism]:
@@ -130,16 +165,10 @@ def _tell_rows(problem: Problem, step: _Step, mechanisms: Sequence[Mechanism]) -
     data = problem.data.take(step.rows)
     told = {}
     for at in environment.STEPS:
-        after = np.flatnonzero(data.progress > at)
-        if not 0 < len(after) < len(data):
-            continue
-        earliest = data.progress[after].argmin()
-        first = after[earliest]
-        index = data.row[first]
-        row = int(index)
-        begins = data.where.name_row_alone(row)
-        scanned = step.build(problem.robot, at)
-        told[scanned] = _tell(scanned, f"from about {begins} on")
+        begins = _say_row(data, at)
+        if begins:
+            scanned = step.build(problem.robot, at)
+            told[scanned] = _tell(scanned, begins)
     renamed = []
     for m in mechanisms:
         known = told.get(m, m)
@@ -202,13 +231,16 @@ def _say_begin(
     moments: Sequence[tuple[float, str]], moment: float, progress: Array, about: bool
 ) -> str:
     """Say with which group a step begins; with which it may, where no row of some progress (m,) lies
-    between them. What begins `about` there need not have happened between two groups."""
+    between them; nothing where it does not begin with one. What begins `about` there need not have
+    happened between two groups."""
     before = progress < moment
     alike = []
     for other, name in moments:
         is_same = (progress < other) == before
         if is_same.all():
             alike.append(name)
+    if not alike:
+        return ""
     names = " or ".join(alike)
     if about:
         return f"from about the beginning of the group {names} on"

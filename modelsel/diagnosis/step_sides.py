@@ -13,7 +13,8 @@ import numpy as np
 
 from .._typing import Mask
 from ..fitting.problem import Problem
-from ..mechanisms.environment import find_moved_target
+from ..mechanisms.campaign_registry import TARGET_STEP
+from ..mechanisms.moved_targets import find_moved_targets
 from ..mechanisms.step_moments import list_step_moments
 from ..mechanisms.terms import Mechanism
 from .effects import Effect
@@ -43,7 +44,8 @@ def find_open_sides(
     steps = name_steps(problem)
     found = []
     for mechanism in mechanisms:
-        if mechanism.name not in steps:
+        is_of_targets = mechanism.stem == TARGET_STEP
+        if mechanism.name not in steps and not is_of_targets:
             continue
         moments = _list_moments(mechanism, effects)
         moved = _find_moved(problem, mechanism)
@@ -54,11 +56,11 @@ def find_open_sides(
 
 
 def _find_moved(problem: Problem, mechanism: Mechanism) -> Mask:
-    """Find the rows (m,) that a step moves: those of its target where it is of one of several."""
-    target = find_moved_target(mechanism)
-    if target is None:
+    """Find the rows (m,) that a step moves: those of its targets where it is of some of several."""
+    moved = [target.index for target in find_moved_targets(mechanism)]
+    if not moved:
         return np.ones(len(problem), bool)
-    return np.asarray(problem.data.target == target.index)
+    return np.isin(problem.data.target, moved)
 
 
 def _list_moments(mechanism: Mechanism, effects: Sequence[Effect]) -> list[float]:

@@ -116,16 +116,21 @@ def _build_company(
         shapes = _list_shapes(problem, mechanisms, place, drivers)
     if not shapes:
         return None
-    terms = {term.key: term for mechanism in mechanisms for term in mechanism.terms}
-    name = " & ".join(mechanism.name for mechanism in mechanisms)
     prior = max(effects[g].prior for g in members)
-    listed = Candidate(
-        Mechanism(name, tuple(terms.values())),
-        CandidateKind.SHAPE,
-        prior * FURTHER ** (len(members) - 1),
-    )
+    listed = build_listed([effects[g] for g in members])
     share = prior * UNLISTED_ODDS / len(shapes)
     return Company(members, listed, tuple(Candidate(m, kind, share) for m, kind in shapes))
+
+
+def build_listed(effects: Sequence[Candidate]) -> Candidate:
+    """Build all of several findings as one candidate."""
+    mechanisms = [effect.mechanism for effect in effects]
+    terms = {term.key: term for mechanism in mechanisms for term in mechanism.terms}
+    name = " & ".join(mechanism.name for mechanism in mechanisms)
+    prior = max(effect.prior for effect in effects)
+    further = FURTHER ** (len(effects) - 1)
+    together = Mechanism(name, tuple(terms.values()))
+    return Candidate(together, CandidateKind.SHAPE, prior * further)
 
 
 def _list_shapes(

@@ -3,29 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 
 from .._typing import Array
-from ..exceptions import one_line, write_percent
+from ..exceptions import write_percent
 from ..measurements.reference_temperature import REFERENCE, TEMPERATURE
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
-from .causes import (
-    ONE,
-    Applied,
-    Bump,
-    Cause,
-    Combined,
-    Member,
-    Named,
-    Number,
-    belongs_to_target,
-    shifted,
-    sign,
-)
+from .causes import Applied, Bump, Cause, Combined, Named, Number, shifted, sign
 from .motors import drive_angle, drive_screws, name_drive
 from .terms import Mechanism, Screw, Term
 
@@ -185,57 +172,6 @@ def target_step(robot: Robot, at: float) -> Mechanism:
         "ISO 10360-10, laser trackers: stability of the target's nest",
         usual_causes=("reflector put back in its nest", "tool or nest that slipped or was knocked"),
     )
-
-
-def limit_to_target(
-    step: Mechanism, target: int, name: str, number: int | None = None
-) -> Mechanism:
-    """Limit a step of the targets to one of several (0-based), which slipped by itself; `number`:
-    that of the target in its file."""
-    member = belongs_to_target(target, number)
-    terms = []
-    for term in step.terms:
-        (screw,) = term.screws
-        cause = screw.cause * member
-        own = replace(screw, cause=cause)
-        moved = replace(term, screws=(own,))
-        terms.append(moved)
-    told = f"Target {one_line(name)}"
-    return replace(
-        step,
-        name=f"{step.name}:{name}",
-        terms=tuple(terms),
-        sentence=step.sentence.replace("The target", told, 1),
-        equation=f"{step.equation}*{member}",
-    )
-
-
-def find_moved_target(mechanism: Mechanism) -> Member | None:
-    """Find the one of several targets that a mechanism moves with some cause; None otherwise."""
-    for term in mechanism.terms[:1]:
-        for screw in term.screws:
-            target, cause = split_target(screw.cause)
-            if target is not None and cause != ONE:
-                return target
-    return None
-
-
-def split_target(cause: Cause) -> tuple[Member | None, Cause]:
-    """Split a cause into the one target that it is limited to, None where it is of all, and the rest."""
-    if isinstance(cause, Member) and cause.kind == "target":
-        return cause, ONE
-    if not isinstance(cause, Combined) or cause.operator not in "*/":
-        return None, cause
-    left, right = cause.left, cause.right
-    target, rest = split_target(left)
-    if target is not None:
-        is_factor = rest == ONE and cause.operator == "*"
-        return target, right if is_factor else replace(cause, left=rest)
-    if cause.operator == "*":
-        target, rest = split_target(right)
-    if target is None:
-        return None, cause
-    return target, left if rest == ONE else replace(cause, right=rest)
 
 
 def zero_step(robot: Robot, joint: int, at: float) -> Mechanism:

@@ -18,7 +18,7 @@ from ..robot.files import as_robot
 from ..robot.gravity import find_bearing_joints
 from ..robot.kinematics import Robot
 from . import compliance, drives, environment, geometry, gravity_effects, instrument, motors
-from .target_names import add_targets, choose_target, limit_steps, refuse_target
+from .target_names import add_targets, choose_targets, limit_steps, refuse_target
 from .terms import Mechanism, unstorable
 
 
@@ -219,11 +219,10 @@ def _build_of_targets(
     """Build a scanned entry's mechanisms of all targets together, then of each by itself; or those
     that a name says. A target's name goes before a constant, and the longer name before another."""
     _, _, given = name.partition(":")
-    number = choose_target(given, targets)
-    if number is not None:
-        constant = given[len(targets[number]) + 1 :]
+    numbers, constant = choose_targets(given, targets)
+    if numbers:
         steps = _build_scanned(name, None, constant or None, robot, entry)
-        return limit_steps(steps, number, targets, entry.numbers)
+        return limit_steps(steps, numbers, targets, entry.numbers)
     refused = refuse_target(name, given, targets)
     if given and refused is not None:
         raise refused
@@ -235,7 +234,7 @@ def _build_of_targets(
     several = len(targets) > 1
     if several and not given:
         for number in range(len(targets)):
-            built += limit_steps(together, number, targets, entry.numbers)
+            built += limit_steps(together, [number], targets, entry.numbers)
     return tuple(built)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..exceptions import StudyError, sentence_list
-from .environment import limit_to_target
+from .moved_targets import JOINED, limit_to_targets
 from .terms import Mechanism
 
 
@@ -26,12 +26,33 @@ def number_targets(targets: Sequence[str], listed: Sequence[str] = ()) -> tuple[
     return tuple(order.index(target) + 1 for target in targets)
 
 
+def choose_targets(given: str, targets: Sequence[str]) -> tuple[tuple[int, ...], str]:
+    """Choose the targets that `given` names, one or several that move alike, and what follows: the
+    constant, if any. None where it names none."""
+    number = choose_target(given, targets)
+    if number is not None:
+        constant = given[len(targets[number]) + 1 :]
+        return (number,), constant
+    for number, target in enumerate(targets):
+        first = f"{target}{JOINED}"
+        if not given.startswith(first):
+            continue
+        others, constant = choose_targets(given[len(first) :], targets)
+        if others and number not in others:
+            return (number, *others), constant
+    return (), given
+
+
 def limit_steps(
-    steps: Sequence[Mechanism], place: int, targets: Sequence[str], numbers: Sequence[int]
+    steps: Sequence[Mechanism],
+    places: Sequence[int],
+    targets: Sequence[str],
+    numbers: Sequence[int],
 ) -> tuple[Mechanism, ...]:
-    """Limit steps of the targets to one of several (0-based), by its name and number."""
-    name, number = targets[place], numbers[place]
-    return tuple(limit_to_target(step, place, name, number) for step in steps)
+    """Limit steps of the targets to some of several (0-based), which they move alike, by their names
+    and numbers."""
+    named = {place: targets[place] for place in sorted(places)}
+    return tuple(limit_to_targets(step, named, numbers) for step in steps)
 
 
 def refuse_target(name: str, given: str, targets: Sequence[str]) -> StudyError | None:

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from ..exceptions import sentence_list
 from ..fitting.least_squares import Fit
 from ..fitting.problem import Problem
 from ..mechanisms.causes import ONE, Cause, Member, find_bump
-from ..mechanisms.environment import split_target
+from ..mechanisms.moved_targets import split_target
 from ..mechanisms.terms import Screw, Term
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
@@ -92,19 +93,25 @@ def describe_meaning(problem: Problem, term: Term, owner: str) -> str:
         return place
     if isinstance(cause, Member):
         return f"{place}, {_describe_member(problem, cause)}"
-    target, cause = split_target(cause)
-    others = len(term.screws) - 1
+    split = [split_target(screw.cause) for screw in term.screws]
+    _, cause = split[0]
+    targets = [target for target, _ in split if target is not None]
+    others = len(term.screws) // max(len(targets), 1) - 1
     more = f" (and {others} more)" if others else ""
     what = f"{place}{more}"
-    if target is not None:
-        what += f", {_describe_member(problem, target)}"
+    if targets:
+        what += f", {_describe_member(problem, *targets)}"
     return f"{what} × {cause}"
 
 
-def _describe_member(problem: Problem, cause: Member) -> str:
+def _describe_member(problem: Problem, *causes: Member) -> str:
+    """Describe the target or group of a cause, or the targets that a term moves alike."""
     data = problem.data
-    names = data.targets if cause.kind == "target" else data.groups
-    return f"{cause.kind} {names[cause.index]}"
+    kind = causes[0].kind
+    every = data.targets if kind == "target" else data.groups
+    names = [every[cause.index] for cause in causes]
+    kinds = kind if len(names) == 1 else f"{kind}s"
+    return f"{kinds} {sentence_list(names)}"
 
 
 def _moves_all_targets(problem: Problem, screw: Screw) -> bool:

@@ -142,6 +142,10 @@ _ONE_TARGET = (
     MEASURE,
     "again with target {target} fixed; or give it another name in the file from there on",
 )
+_SOME_TARGETS = (
+    MEASURE,
+    "again with targets {target} fixed; or give them other names in the file from there on",
+)
 _FAULT = (MEASURE, "the rows that it concerns again, or correct them in the file")
 _TWO_PLACEMENTS = (
     MODEL,
@@ -258,7 +262,9 @@ def _choose_by_name(record: StudyRecord, finding: FindingRecord, stem: str) -> t
     if stem not in BY_STEM and all(screw.is_free for screw in fitted.screws):
         return MODEL, _correct_over_drivers(fitted)
     if stem == "target-step" and fitted.mechanism != stem:
-        return _ONE_TARGET
+        places = {(screw.frame, screw.axis) for screw in fitted.screws}
+        # each of several targets has screws of its own at these
+        return _ONE_TARGET if len(places) == len(fitted.screws) else _SOME_TARGETS
     unlisted = _OF_A_PLUGIN if stem else _UNNAMED
     return BY_STEM.get(stem, unlisted)
 

@@ -19,11 +19,11 @@ from ..diagnosis.claim_sentences import describe_what
 from ..diagnosis.data_faults import Fault
 from ..diagnosis.distinct_places import Place
 from ..diagnosis.sentences import label_effect
-from ..exceptions import one_line
+from ..exceptions import one_line, sentence_list
 from ..fitting.design import PLACE, compute_columns
 from ..fitting.problem import Problem
 from ..mechanisms.causes import Cause, Member, find_bump
-from ..mechanisms.environment import split_target
+from ..mechanisms.moved_targets import split_target
 from ..mechanisms.terms import Term
 from .covariate_panel import draw_covariate, find_covariate
 from .finding_records import Finding
@@ -47,12 +47,12 @@ Values = dict[str, Any]
 @dataclass(frozen=True, eq=False)
 class _Group:
     """Coefficients and causes of one finding that act at the same places and are drawn against one
-    variable, at one `target` of several or at all."""
+    variable, at some `targets` of several or at all."""
 
     places: tuple[Place, ...]
     abscissa: Abscissa
     parts: tuple[tuple[float, Cause], ...]
-    target: Member | None = None
+    targets: tuple[Member, ...] = ()
 
     def evaluate(self, x: Array) -> Array:
         """Return the fitted twist where the variable is x."""
@@ -119,13 +119,15 @@ def _group_terms(terms: Sequence[Term], estimate: Array, units: Mapping[str, str
     own = [term.screws[0].cause for term in terms]
     if any(find_bump(cause) not in (None, cause) for cause in own):
         return []
-    if any(len({screw.cause for screw in term.screws}) > 1 for term in terms):
+    split = [[split_target(screw.cause) for screw in term.screws] for term in terms]
+    if any(len({cause for _, cause in each}) > 1 for each in split):
         return []
-    places = [tuple((screw.frame, screw.axis) for screw in term.screws) for term in terms]
-    split = [split_target(cause) for cause in own]
-    causes = [cause for _, cause in split]
-    targets = {target for target, _ in split}
-    target = targets.pop() if len(targets) == 1 else None
+    places = [
+        tuple(dict.fromkeys((screw.frame, screw.axis) for screw in term.screws)) for term in terms
+    ]
+    causes = [each[0][1] for each in split]
+    moved = {tuple(target for target, _ in each if target is not None) for each in split}
+    targets = moved.pop() if len(moved) == 1 else ()
     parts: dict[tuple[tuple[Place, ...], Abscissa], list[tuple[float, Cause]]] = {}
     siblings: dict[tuple[Place, ...], list[Cause]] = {}
     for place, cause in zip(places, causes, strict=True):
@@ -135,7 +137,7 @@ def _group_terms(terms: Sequence[Term], estimate: Array, units: Mapping[str, str
         same = parts.setdefault((place, abscissa), [])
         same.append((float(coefficient), cause))
     return [
-        _Group(place, abscissa, tuple(each), target) for (place, abscissa), each in parts.items()
+        _Group(place, abscissa, tuple(each), targets) for (place, abscissa), each in parts.items()
     ]
 
 
@@ -147,8 +149,9 @@ def _draw_group(
     part = _observed_part(moved)
     displacement = moved[part].T
     lever = np.linalg.norm(displacement, axis=1)
-    if group.target is not None:
-        lever = lever * problem.cause(group.target)
+    if group.targets:
+        is_moved = np.isin(problem.data.target, [target.index for target in group.targets])
+        lever = lever * is_moved
     rows = select_points(lever > max(MIN_LEVER * lever.max(initial=0), TINY))
     if rows is None:
         return None
@@ -175,11 +178,11 @@ def _draw_group(
 def _name_axis(group: _Group, problem: Problem) -> str:
     """Name what a group is drawn against, and the target where it is one of several."""
     words = group.abscissa.words
-    target = group.target
-    if target is None:
+    names = [one_line(problem.data.targets[target.index]) for target in group.targets]
+    if not names:
         return words
-    name = one_line(problem.data.targets[target.index])
-    return f"{words}, target {name}"
+    kind = "target" if len(names) == 1 else "targets"
+    return f"{words}, {kind} {sentence_list(names)}"
 
 
 def _observed_part(moved: Array) -> slice:

@@ -36,7 +36,7 @@ from ..fitting.problem import Problem
 from ..fitting.undetermined import Unidentifiable, describe_unidentifiable
 from ..measurements.measurements import Measurements
 from ..mechanisms.campaign_registry import set_targets
-from ..mechanisms.environment import find_moved_target
+from ..mechanisms.moved_targets import find_moved_targets
 from ..mechanisms.registry import BUILTIN, Registry
 from ..mechanisms.terms import Mechanism
 from ..notices import Note
@@ -328,7 +328,7 @@ def choose_noise_floor(split: Split, known: Floor | None, named: Evaluation) -> 
     if known is not None and known.source == "repeats":
         known = from_repeats(problem.data, problem.placed, named.residual[:, :3])
     is_of_pairs = known is not None and known.source == "target pairs"
-    if is_of_pairs and any(map(find_moved_target, named.fit.model.mechanisms)):
+    if is_of_pairs and any(map(find_moved_targets, named.fit.model.mechanisms)):
         known = from_target_pairs(problem.data, named.residual[:, :3])
     floor = known or estimate_floor(named, split)
     measured = problem.measured

@@ -11,7 +11,7 @@ from ..exceptions import StudyError, sentence_list
 from ..fitting.problem import Problem
 from ..measurements.state_names import describe_state_name
 from ..mechanisms.campaign_registry import TARGET_STEP, set_targets
-from ..mechanisms.environment import find_moved_target
+from ..mechanisms.moved_targets import find_moved_targets
 from ..mechanisms.registry import Registry, Scanned, build_mechanisms
 from ..mechanisms.terms import Mechanism
 from ..notices import Note
@@ -106,8 +106,8 @@ def find_unseen_steps(
         if stem != TARGET_STEP:
             continue
         mechanism = build_mechanisms(name, problem.robot, registry)[0]
-        target = find_moved_target(mechanism)
-        if target is not None and listed[target.index] not in problem.data.targets:
+        moved = [listed[target.index] for target in find_moved_targets(mechanism)]
+        if not set(moved) <= set(problem.data.targets):
             unseen.append(name)
     return tuple(unseen)
 
@@ -126,7 +126,7 @@ def _list_one_sided(
     asked: Sequence[str], problem: Problem, mechanisms: Sequence[Mechanism]
 ) -> tuple[str, ...]:
     """List the steps of one target, asked for by its name, that no moment has rows on both sides of."""
-    of_targets = [m for m in mechanisms if find_moved_target(m) is not None]
+    of_targets = [m for m in mechanisms if find_moved_targets(m)]
     known = {m.name for m in of_targets if has_both_sides(problem, m)}
     one_sided = dict.fromkeys(m.name for m in of_targets if m.name not in known)
     return tuple(

@@ -17,7 +17,8 @@ from .._typing import Array, Index
 from ..fitting.design import PLACE, Model
 from ..fitting.noise import Instrument
 from ..fitting.problem import Problem
-from ..mechanisms.environment import find_moved_target, limit_to_target
+from ..mechanisms.moved_targets import find_moved_targets, limit_to_targets
+from ..mechanisms.target_names import number_targets
 from ..mechanisms.registry import Registry, Scanned
 from ..mechanisms.terms import Mechanism, Screw, TermKey
 from ..robot.kinematics import Robot
@@ -280,21 +281,22 @@ def _number_names(constants: Sequence[Constant]) -> tuple[Constant, ...]:
 
 
 def _choose_builder(problem: Problem, mechanism: Mechanism, entry: Scanned) -> Build:
-    """Choose what builds a mechanism of a scanned constant: of its joint, or of the one target of
+    """Choose what builds a mechanism of a scanned constant: of its joint, or of the targets of
     several that it moves."""
     robot = problem.robot
     joint = _list_joint(mechanism, entry)
     build = partial(entry.build, robot, *joint)
-    target = find_moved_target(mechanism)
-    if target is None:
+    targets = find_moved_targets(mechanism)
+    if not targets:
         return build
-    index = target.index
-    names = problem.data.targets
-    name = names[index]
+    data = problem.data
+    names = data.targets
+    numbers = number_targets(names, data.listed_targets)
+    moved = {target.index: names[target.index] for target in targets}
 
     def build_limited(value: float) -> Mechanism:
         step = build(value)
-        return limit_to_target(step, index, name, target.number)
+        return limit_to_targets(step, moved, numbers)
 
     return build_limited
 

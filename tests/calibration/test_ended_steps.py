@@ -12,13 +12,8 @@ from modelsel.calibration.calibration import Calibration
 from modelsel.calibration.ended_steps import settle_steps
 from modelsel.calibration.prediction import predict
 from modelsel.fitting.design import Model
-from modelsel.mechanisms.environment import (
-    limit_to_target,
-    step_after,
-    target_step,
-    tracker_drift,
-    zero_step,
-)
+from modelsel.mechanisms.environment import step_after, target_step, tracker_drift, zero_step
+from modelsel.mechanisms.moved_targets import limit_to_targets
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 
 pytestmark = pytest.mark.unit
@@ -43,7 +38,7 @@ def test_what_stepped_is_part_of_the_constants_at_the_end_and_not_there_before(k
     robot = made.robot
     step = zero_step(robot, 4, 0.7)
     if kind == "target b":
-        step = limit_to_target(target_step(robot, 0.7), 1, "b")
+        step = limit_to_targets(target_step(robot, 0.7), {1: "b"})
     stepped = with_more(made, step, rng)
     late = stepped.problem(at.data)
     ended = settle_steps(stepped, at_end=True)

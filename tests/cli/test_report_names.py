@@ -48,6 +48,14 @@ def test_a_step_of_one_target_is_explained_by_the_name_of_the_target(name: str) 
     assert ("one of 199 scanned constants" in said) != bool(moment)
 
 
+def test_a_step_of_targets_that_move_alike_is_explained_by_their_names() -> None:
+    said = " ".join(explained("target-step:B & C:0.5").split())
+    assert (
+        "target-step:B & C: Targets B and C stand elsewhere on the flange, shifted alike," in said
+    )
+    assert "Here target_1 is B and target_2 is C; in results they have their numbers" in said
+
+
 @pytest.mark.parametrize(
     ("name", "said"),
     [

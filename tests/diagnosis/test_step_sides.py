@@ -14,13 +14,13 @@ from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import Named, sin
 from modelsel.mechanisms.environment import (
-    limit_to_target,
     step_after,
     target_step,
     tracker_bumped,
     tracker_drift,
     zero_step,
 )
+from modelsel.mechanisms.moved_targets import limit_to_targets
 from modelsel.mechanisms.step_moments import find_step_moments
 from modelsel.mechanisms.terms import Mechanism
 from modelsel.robot.files import load_robot
@@ -86,7 +86,7 @@ def test_a_step_of_one_target_leaves_rows_of_others_where_they_are(
     at = bind(ROBOT, build_measurements(q, forward(ROBOT, q, np.array(OFF_AXIS)), target=names))
     used = without(57, 58, 59, 60, 61)
     number = at.data.targets.index("left")
-    step = limit_to_target(target_step(ROBOT, 0.605), number, "left")
+    step = limit_to_targets(target_step(ROBOT, 0.605), {number: "left"})
     (side,) = find_open_sides(at, used, [step], likely(step))
     assert np.flatnonzero(side.rows).tolist() == [57, 59, 61]
     assert (side.before, side.after) == (55, 63)

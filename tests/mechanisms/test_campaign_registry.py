@@ -11,7 +11,8 @@ from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.campaign_registry import set_targets, waits_for_targets
 from modelsel.mechanisms.cause_formulas import list_members, parse
 from modelsel.mechanisms.causes import Member, Named
-from modelsel.mechanisms.environment import STEPS, find_moved_target, split_target
+from modelsel.mechanisms.environment import STEPS
+from modelsel.mechanisms.moved_targets import find_moved_targets, split_target
 from modelsel.mechanisms.registry import BUILTIN, build_mechanisms, every
 from modelsel.mechanisms.terms import Mechanism
 from modelsel.robot.files import load_robot
@@ -29,14 +30,14 @@ def test_every_target_of_several_may_move_by_itself() -> None:
         own = build_mechanisms(f"target-step:{name}", ROBOT, registry)
         assert len(own) == len(STEPS)
         assert {m.name for m in own} == {f"target-step:{name}"}
-        assert {find_moved_target(m) for m in own} == {Member("target", number)}
+        assert {find_moved_targets(m) for m in own} == {(Member("target", number),)}
         (half,) = build_mechanisms(f"target-step:{name}:0.5", ROBOT, registry)
         assert half.sentence == (
             f"Target {name} stands elsewhere on the flange after 50.0 % of the campaign."
         )
         assert half in own
     (together,) = build_mechanisms("target-step:0.25", ROBOT, registry)
-    assert find_moved_target(together) is None
+    assert find_moved_targets(together) == ()
     assert together in every(ROBOT)
 
 
@@ -73,11 +74,11 @@ def test_the_longer_name_of_a_target_goes_before_a_constant() -> None:
     own = build_mechanisms("target-step:A:0.5", ROBOT, registry)
     assert {m.name for m in own} == {"target-step:A:0.5"}
     assert len(own) == len(STEPS)
-    assert {find_moved_target(m) for m in own} == {Member("target", 1)}
+    assert {find_moved_targets(m) for m in own} == {(Member("target", 1),)}
     (one,) = build_mechanisms("target-step:A:0.5:0.25", ROBOT, registry)
     assert one in own
     (other,) = build_mechanisms("target-step:A:0.25", ROBOT, registry)
-    assert find_moved_target(other) == Member("target", 0)
+    assert find_moved_targets(other) == (Member("target", 0),)
 
 
 def test_the_one_target_that_is_left_of_several_keeps_its_name() -> None:

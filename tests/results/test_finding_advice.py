@@ -135,6 +135,18 @@ def test_one_target_that_slipped_leaves_the_others(drawn, name: str, sentence: s
     assert advise(record, finding.model_copy(update={"credible_set": [entry]})).sentence == sentence
 
 
+def test_several_targets_that_slipped_alike_are_all_fixed(drawn) -> None:
+    record = read_source(drawn).record
+    finding = record.findings[1]
+    screw = finding.first.screws[0].model_copy(update={"frame": 7, "axis": "tx"})
+    own = {"mechanism": "target-step:A & C", "screws": [screw, screw]}
+    entry = finding.first.model_copy(update=own)
+    advice = advise(record, finding.model_copy(update={"credible_set": [entry]}))
+    assert advice.sentence == (
+        "Measure: again with targets A & C fixed; or give them other names in the file from there on."
+    )
+
+
 def test_larger_than_usual_is_inspected(drawn) -> None:
     """What the catalogue finds too large is worth a look; a sign that physics forbids is no play."""
     record = read_source(drawn).record

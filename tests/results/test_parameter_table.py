@@ -11,7 +11,9 @@ import pytest
 from report_studies import read_source
 
 from modelsel.mechanisms.causes import ONE
+from modelsel.mechanisms.environment import target_step
 from modelsel.mechanisms.geometry import geometric
+from modelsel.mechanisms.moved_targets import limit_to_targets
 from modelsel.mechanisms.terms import Screw
 from modelsel.results.arm_details import (
     describe_arm,
@@ -122,6 +124,22 @@ def test_what_several_targets_share_has_no_nominal() -> None:
     one = SimpleNamespace(robot=robot, tools=TOOL[None])
     assert find_nominal(one, screw) == TOOL[0]
     assert describe_meaning(one, term, "set-up") == "target along the flange's x"
+
+
+def test_a_number_of_targets_that_move_alike_names_them_all() -> None:
+    robot = load_robot("ur5")
+    data = SimpleNamespace(targets=("A", "B", "C"))
+    at = SimpleNamespace(robot=robot, data=data)
+    step = target_step(robot, 0.5)
+    cause = step.terms[0].screws[0].cause
+    said = []
+    for moved in ({1: "B"}, {0: "A", 2: "C"}):
+        limited = limit_to_targets(step, moved)
+        said.append(describe_meaning(at, limited.terms[0], "target-step"))
+    assert said == [
+        f"target along the flange's x, target B × {cause}",
+        f"target along the flange's x, targets A and C × {cause}",
+    ]
 
 
 def test_the_drawing_stands_upright() -> None:

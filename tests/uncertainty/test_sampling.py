@@ -29,7 +29,8 @@ from modelsel.fitting.shared_errors import SharedErrors
 from modelsel.fitting.whitening import Whitening
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import q, sin
-from modelsel.mechanisms.environment import limit_to_target, target_step, tracker_step
+from modelsel.mechanisms.environment import target_step, tracker_step
+from modelsel.mechanisms.moved_targets import limit_to_targets
 from modelsel.mechanisms.registry import BUILTIN, mechanism
 from modelsel.results.storage import WRITES
 from modelsel.robot.kinematics import forward
@@ -268,7 +269,7 @@ def test_the_moment_at_which_one_target_slipped_is_a_constant(rng: np.random.Gen
     data = build_measurements(q, np.zeros((40, 3)), target=np.tile(names, 20))
     at = Problem(ARM, data, np.array([[40.0, -25, 100], [10, 60, 90]]))
     for number, name in enumerate(names):
-        step = limit_to_target(target_step(ARM, 0.6), number, name)
+        step = limit_to_targets(target_step(ARM, 0.6), {number: name})
         model = Model((*BASE.mechanisms, step))
         (constant,) = list_constants(at, model, BUILTIN)
         assert constant.name == f"constant of target-step:{name}"

@@ -17,7 +17,7 @@ from ..._names import find_name_problem, quote_name
 from ..._typing import Array
 from ...exceptions import StudyError, suggest
 from ...mechanisms.causes import Named
-from ...mechanisms.environment import find_moved_target
+from ...mechanisms.moved_targets import find_moved_targets
 from ...mechanisms.serialization import cause_from_record, cause_record
 from ...mechanisms.terms import Screw, Term
 from ...robot.rigid import AXES
@@ -235,7 +235,7 @@ def to_table(c: Calibration, notes: Sequence[str] = ()) -> Exported:
     remarks = []
     if len(c.targets) > 1:
         first = c.targets[0]
-        is_own = any(map(find_moved_target, c.model.mechanisms))
+        is_own = any(map(find_moved_targets, c.model.mechanisms))
         of_what = "corrections" if is_own else "constant corrections"
         remarks.append(f'the {of_what} are those of target "{first}"')
     jump = ""

@@ -1,0 +1,96 @@
+"""Targets that slipped alike, told as that.
+
+Where two of three targets are shifted alike, the search finds a step of all three, and one that puts
+the third back where it stood; or two steps that happen to be equal. One step of the two needs neither
+coincidence. So every two steps of targets are weighed against one step: of the targets that either
+moves, or of those that only one of them moves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import combinations, pairwise
+
+import numpy as np
+
+from ..fitting.problem import Problem
+from ..mechanisms.campaign_registry import TARGET_STEP
+from ..mechanisms.environment import STEPS
+from ..mechanisms.moved_targets import find_moved_targets
+from ..mechanisms.step_moments import list_step_moments
+from .candidate_kinds import CandidateKind
+from .candidates import Candidate
+from .session_steps import build_common_steps, round_between
+from .state import Search
+from .unlisted_shapes import Company, build_listed
+
+Targets = frozenset[int]
+
+
+def generate_common_steps(search: Search, chosen: Sequence[int]) -> Iterator[Company]:
+    """Generate the pairs of chosen steps for which one step of some targets may stand, with this step
+    at every moment. Steps of one target, and of all, are candidates of every search."""
+    problem = search.problem
+    steps = {g: search.candidates[g] for g in chosen if _is_step(search.candidates[g])}
+    for (g, first), (h, second) in combinations(steps.items(), 2):
+        targets = _find_common(_list_moved(problem, first), _list_moved(problem, second))
+        if 1 < len(targets) < len(problem.data.targets):
+            common = _build_candidates(search, targets, (first, second))
+            listed = build_listed([first, second])
+            yield Company((g, h), listed, common)
+
+
+def _is_step(candidate: Candidate) -> bool:
+    return candidate.registered and candidate.mechanism.stem == TARGET_STEP
+
+
+def _list_moved(problem: Problem, step: Candidate) -> Targets:
+    """List the targets that a step moves."""
+    moved = find_moved_targets(step.mechanism)
+    if moved:
+        return frozenset(target.index for target in moved)
+    return frozenset(range(len(problem.data.targets)))
+
+
+def _find_common(first: Targets, second: Targets) -> Targets:
+    """Find the targets that two steps may move alike: either one's, or those that the smaller step does
+    not put back. None where they overlap otherwise."""
+    both = first & second
+    if both and both not in (first, second):
+        return frozenset()
+    return first ^ second
+
+
+def _build_candidates(
+    search: Search, targets: Targets, pair: Sequence[Candidate]
+) -> tuple[Candidate, ...]:
+    """Build the step of some targets that may stand for a pair of steps, at every moment. All such
+    groups of targets share the prior probability of one step."""
+    count = len(search.problem.data.targets)
+    # without none, all, and single ones
+    groups = 2**count - 2 - count
+    moments = _list_moments(search, targets, pair)
+    prior = max(step.prior for step in pair) / groups
+    asked = any(step.asked for step in pair)
+    built = build_common_steps(search.problem, targets, moments)
+    kind = CandidateKind.MECHANISM
+    return tuple(Candidate(step, kind, prior, asked=asked) for step in built)
+
+
+def _list_moments(search: Search, targets: Targets, pair: Sequence[Candidate]) -> set[float]:
+    """List the moments at which steps of some targets are scanned, and all between two of their rows
+    around those of a pair: what no scanned moment parts, the targets together may."""
+    data = search.problem.data
+    moments: set[float] = set()
+    for step in filter(_is_step, search.candidates):
+        if _list_moved(search.problem, step) <= targets:
+            moments |= list_step_moments(step.mechanism.terms)
+    found = list_step_moments(term for step in pair for term in step.mechanism.terms)
+    earlier = [at for at in STEPS if at < min(found)]
+    later = [at for at in STEPS if at > max(found)]
+    low, high = max(earlier, default=0.0), min(later, default=1.0)
+    own = np.unique(data.progress[np.isin(data.target, list(targets))])
+    for before, after in pairwise(own.tolist()):
+        is_near = low < after and before < high
+        if is_near and not any(before < at < after for at in moments):
+            moments.add(round_between(before, after))
+    return moments
