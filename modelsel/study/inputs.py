@@ -40,7 +40,13 @@ from ..robot.kinematics import Robot
 from .found_problems import FoundProblems
 from .named_things import list_named_mechanisms, list_unknown_mechanisms
 from .noise_parts import check_parts
-from .own_causes import check_own_causes, find_own_name_problems, list_own_names, list_own_words
+from .own_causes import (
+    check_own_causes,
+    describe_columns,
+    find_own_name_problems,
+    list_own_names,
+    list_own_words,
+)
 from .planted_effects import list_formula_problems, list_frame_problems, list_name_problems
 from .preparation import arrange_tools
 from .robot_tables import read_any_robot
@@ -307,7 +313,8 @@ def _check_against_data(
         no_tools = np.zeros((len(measured.targets), 3))
         units = Problem(robot, measured, no_tools).names()
         members = list_members(len(measured.targets), len(measured.groups))
-        found.study += list_name_problems(study, units, members)
+        columns = describe_columns(measured)
+        found.study += list_name_problems(study, units, members, columns)
 
 
 def _use_gear_ratios(study: Study, robot: Robot, registry: Registry) -> Registry:

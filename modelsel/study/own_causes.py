@@ -94,7 +94,7 @@ def _parse_causes(place: str, table: CovariateTable, problem: Problem) -> list[C
         try:
             causes.append(parse(text, units, f"{place}.causes", members))
         except StudyError as error:
-            columns = _list_columns(problem)
+            columns = describe_columns(problem.data)
             problems += [f"{one.rstrip()} {columns}" for one in error.problems]
     if problems:
         raise StudyError(*problems)
@@ -120,8 +120,9 @@ def _place_members(data: Measurements) -> dict[str, Cause]:
     return placed
 
 
-def _list_columns(problem: Problem) -> str:
-    columns = sorted(problem.data.covariates)
+def describe_columns(data: Measurements) -> str:
+    """Describe the columns that formulas may name beside the readings."""
+    columns = sorted(data.covariates)
     if not columns:
         return "The file has no further columns of numbers."
     return f"The file's further columns of numbers: {', '.join(columns)}."
@@ -137,7 +138,7 @@ def _find_cause_problems(
         them = "it" if len(without) == 1 else "them"
         yield (
             f"{place}.causes: {sentence_list(without)}: no column of the file is in {them}. "
-            f"{_list_columns(problem)}"
+            f"{describe_columns(problem.data)}"
         )
     varying: list[tuple[Cause, Array]] = []
     for cause in causes:

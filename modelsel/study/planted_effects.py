@@ -44,13 +44,13 @@ def list_formula_problems(study: Study) -> list[str]:
 
 
 def list_name_problems(
-    study: Study, units: Mapping[str, str], members: Mapping[str, Member]
+    study: Study, units: Mapping[str, str], members: Mapping[str, Member], columns: str
 ) -> list[str]:
     """List the names in the effects' causes that are not among the known ones, `units` and
-    `members`."""
+    `members`, each with a sentence on the `columns` that there are."""
     malformed = list_formula_problems(study)
     problems = list_cause_problems(study, units, members)
-    return [problem for problem in problems if problem not in malformed]
+    return [f"{problem} {columns}" for problem in problems if problem not in malformed]
 
 
 def list_cause_problems(

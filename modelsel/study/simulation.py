@@ -31,6 +31,7 @@ from ..setup.feature_positions import place_features
 from .found_problems import name_study_file
 from .inputs import read_known_features, read_nominal_robot
 from .noise_parts import check_parts
+from .own_causes import describe_columns
 from .planted_effects import list_cause_problems, list_formula_problems, list_frame_problems
 from .preparation import arrange_tools
 from .unrepeated import NOTHING, Unrepeated, draw_unrepeated
@@ -66,15 +67,16 @@ def _simulate(study: Study, folder: Path, robot: Robot) -> pd.DataFrame:
         configurations = _draw_visits(study.simulate, robot, rng)
     else:
         configurations = _take_one_row_each(measured)
-    missing = ""
     if measured is None:
-        missing = f" Columns are those of {study.measurements.file}, which is not there."
+        columns = f"Columns are those of {study.measurements.file}, which is not there."
+    else:
+        columns = describe_columns(measured)
     table = study.robot
     tools_mm = table.tools_mm or {}
     targets = tuple(tools_mm) or ONE_TARGET
     if measured is not None and measured.gauges is not None:
         targets = measured.targets
-    effects = _parse_effects(study, robot, configurations, targets, missing)
+    effects = _parse_effects(study, robot, configurations, targets, columns)
     if measured is not None and measured.gauges is not None:
         _refuse_parts(study.simulate)
         features = read_known_features(study)
@@ -151,9 +153,9 @@ def _give_target(data: Measurements, number: int, targets: tuple[str, ...]) -> M
 
 
 def _parse_effects(
-    study: Study, robot: Robot, data: Measurements, targets: Sequence[str], missing: str
+    study: Study, robot: Robot, data: Measurements, targets: Sequence[str], columns: str
 ) -> Effects:
-    """Return the study's planted effects; `missing` is said of names that are unknown. Raises
+    """Return the study's planted effects; `columns` is said of names that are unknown. Raises
     StudyError with all problems at once."""
     tool = np.zeros((1, 3))
     problem = Problem(robot, data, tool)
@@ -162,8 +164,10 @@ def _parse_effects(
     problems = list_frame_problems(study, robot)
     malformed = list_formula_problems(study)
     for text in list_cause_problems(study, units, members):
-        is_malformed = text in malformed
-        problems.append(text if is_malformed else text + missing)
+        told = text
+        if text not in malformed:
+            told = f"{text} {columns}"
+        problems.append(told)
     if problems:
         raise StudyError(*problems)
     effects = []

@@ -213,6 +213,11 @@ def test_names_are_compared_with_the_file(tmp_path: Path) -> None:
         'study.toml: simulate.effect 1: unknown name "q9"',
         'study.toml: simulate.effect 1: unknown name "het"',
     ]
+    *_, last = error.value.problems
+    assert last.endswith("The file's further columns of numbers: heat.")
+    with pytest.raises(StudyError) as error:
+        simulate_study(tmp_path)
+    assert last in error.value.problems
     columns = 'columns = { q1_dg = "J1", q2_deg = "J2" }\n'
     mapped = PLAIN.replace('"none.csv"\n', '"none.csv"\n' + columns)
     (tmp_path / "study.toml").write_text(mapped)
