@@ -46,9 +46,12 @@ def _is_step(candidate: Candidate) -> bool:
 def _list_moved(problem: Problem, step: Candidate) -> Targets:
     """List the targets that a step moves."""
     moved = find_moved_targets(step.mechanism)
-    if moved:
-        return frozenset(target.index for target in moved)
-    return frozenset(range(len(problem.data.targets)))
+    numbers = [target.index for target in moved]
+    if numbers:
+        return frozenset(numbers)
+    count = len(problem.data.targets)
+    every = range(count)
+    return frozenset(every)
 
 
 def _find_common(first: Targets, second: Targets) -> Targets:

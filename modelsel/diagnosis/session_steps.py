@@ -134,16 +134,21 @@ def build_common_steps(
     """Build steps of some targets of several (0-based), shifted alike, at some moments, each told by
     where it begins. Those between the same rows of these targets are one."""
     data = problem.data
-    moved = {target: data.targets[target] for target in sorted(targets)}
-    numbers = number_targets(data.targets, data.listed_targets)
-    own = data.take(np.isin(data.target, list(moved)))
+    names = data.targets
+    numbers = number_targets(names, data.listed_targets)
+    places = sorted(targets)
+    moved = {place: names[place] for place in places}
+    is_own = np.isin(data.target, places)
+    own = data.take(is_own)
     meetings = _list_meetings(data)
     built = []
     for at in sorted(moments):
         step = _build_target_step(moved, numbers, problem.robot, at)
-        begins = _say_begin(meetings, at, own.progress, about=True) or _say_row(own, at)
+        begins = _say_begin(meetings, at, own.progress, about=True)
+        begins = begins or _say_row(own, at)
         if begins:
-            built.append(_tell(step, begins))
+            told = _tell(step, begins)
+            built.append(told)
     return drop_equal_constants(problem, built)
 
 
@@ -155,7 +160,8 @@ def _say_row(data: Measurements, at: float) -> str:
     earliest = data.progress[after].argmin()
     first = after[earliest]
     index = data.row[first]
-    begins = data.where.name_row_alone(int(index))
+    row = int(index)
+    begins = data.where.name_row_alone(row)
     return f"from about {begins} on"
 
 

@@ -11,6 +11,8 @@ from .terms import Mechanism, Screw, Term
 
 # between the names of targets that move alike
 JOINED = " & "
+# how a step of the target begins to be told
+TOLD = "The target stands elsewhere on the flange"
 
 
 def limit_to_targets(
@@ -29,11 +31,13 @@ def limit_to_targets(
         listed = " + ".join(map(str, members))
         moved = f"({listed})"
         told = f"Targets {sentence_list(words)} stand elsewhere on the flange, shifted alike,"
+    terms = [_limit_term(term, members) for term in step.terms]
+    sentence = step.sentence.replace(TOLD, told, 1)
     return replace(
         step,
         name=f"{step.name}:{names}",
-        terms=tuple(_limit_term(term, members) for term in step.terms),
-        sentence=step.sentence.replace("The target stands elsewhere on the flange", told, 1),
+        terms=tuple(terms),
+        sentence=sentence,
         equation=f"{step.equation}*{moved}",
     )
 

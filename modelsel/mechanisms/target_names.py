@@ -37,8 +37,10 @@ def choose_targets(given: str, targets: Sequence[str]) -> tuple[tuple[int, ...],
         first = f"{target}{JOINED}"
         if not given.startswith(first):
             continue
-        others, constant = choose_targets(given[len(first) :], targets)
-        if others and number not in others:
+        rest = given.removeprefix(first)
+        others, constant = choose_targets(rest, targets)
+        is_new = number not in others
+        if others and is_new:
             return (number, *others), constant
     return (), given
 

@@ -178,11 +178,15 @@ def _draw_group(
 def _name_axis(group: _Group, problem: Problem) -> str:
     """Name what a group is drawn against, and the target where it is one of several."""
     words = group.abscissa.words
-    names = [one_line(problem.data.targets[target.index]) for target in group.targets]
+    every = problem.data.targets
+    names = [one_line(every[target.index]) for target in group.targets]
     if not names:
         return words
-    kind = "target" if len(names) == 1 else "targets"
-    return f"{words}, {kind} {sentence_list(names)}"
+    kind = "targets"
+    if len(names) == 1:
+        kind = "target"
+    listed = sentence_list(names)
+    return f"{words}, {kind} {listed}"
 
 
 def _observed_part(moved: Array) -> slice:
