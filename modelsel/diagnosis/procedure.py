@@ -21,7 +21,6 @@ from .._workers import count_cores, steady_arithmetic
 from ..exceptions import StudyError
 from ..fitting.design import Model, whitened
 from ..fitting.least_squares import fit
-from ..fitting.possible_parts import choose_parts, list_parts
 from ..fitting.problem import PROBLEM_EXPECTED, Problem
 from ..mechanisms.campaign_registry import set_targets
 from ..mechanisms.registry import (
@@ -35,23 +34,14 @@ from ..mechanisms.registry import (
 from ..mechanisms.terms import Mechanism
 from ..selection.evaluation import Errors, Split, summarise_errors
 from ..selection.splits import assign_folds
-from .base_fits import BaseFits
-from .candidates import Candidate, build_candidates
+from .candidates import Candidate
 from .options import DEFAULT_OPTIONS, DiagnosisOptions
 from .outcome import Diagnosis
-from .outliers import (
-    GROSS_THRESHOLD,
-    MAX_OUTLIER_SHARE,
-    REFINED_THRESHOLD,
-    find_far_rows,
-    find_gross_outliers,
-)
-from .separation import Inquiry, separate
-from .session_steps import place_steps
+from .outlier_rounds import alternate, choose_threshold
+from .outliers import MAX_OUTLIER_SHARE, find_far_rows
+from .separation import Inquiry
 from .step_sides import find_open_sides, mark_open
 
-# rounds of outliers and names in turn
-MAX_ROUNDS = 3
 # configurations that are scanned at least, of many rows
 MIN_CONFIGURATIONS = 20
 UNFINISHED = (
@@ -134,7 +124,7 @@ def diagnose_split(
     say: Say = keep_silent,
     options: DiagnosisOptions = DEFAULT_OPTIONS,
 ) -> tuple[Split, Diagnosis, tuple[Candidate, ...]]:
-    """Find outliers and name effects in turn, until the outliers stay the same (at most MAX_ROUNDS).
+    """Find outliers and name effects in turn, until the outliers stay the same.
 
     `everything`: mechanisms that may extend the base; `cells`: whether unregistered causes may,
     too. Of more than `options.max_rows` estimation rows, configurations drawn by the seed are
@@ -143,75 +133,15 @@ def diagnose_split(
     inquiry = Inquiry(base, everything, seed, cells, say, options)
     split = replace(split, problem=split.problem.as_stated())
     if split.estimation.sum() <= options.max_rows:
-        return _alternate(split, inquiry)
+        return alternate(split, inquiry)
     drawn = _draw_configurations(split, seed, options.max_rows)
     sample = replace(split, estimation=drawn)
-    sample, diagnosis, found = _alternate(sample, inquiry)
+    sample, diagnosis, found = alternate(sample, inquiry)
     split.problem.keep_values(diagnosis.model.terms)
     outlying = _find_outliers_everywhere(split, sample, diagnosis)
     whole = replace(split.problem, whitening=sample.problem.whitening)
     marked = replace(split, problem=whole, outlying=outlying)
     return marked, diagnosis, found
-
-
-def _alternate(split: Split, inquiry: Inquiry) -> tuple[Split, Diagnosis, tuple[Candidate, ...]]:
-    """Alternate outliers and names, until the outliers stay the same.
-
-    Where the extended model shows other outliers than the base did, effects are named once more
-    without those. Rows are judged by themselves, whatever errors they share."""
-    training = split.problem.take(split.estimation)
-    fits = BaseFits(inquiry.base)
-    every_row = replace(split, outlying=np.zeros(len(split.outlying), bool))
-    outlying = find_gross_outliers(training, fits.fit(every_row))
-    listed = list_parts(split.problem, split.estimation)
-    everything = place_steps(split.problem, split.estimation, inquiry.everything)
-    parts = choose_parts(listed, inquiry.options.parts, inquiry.options.fixed_parts)
-    for _ in range(MAX_ROUNDS):
-        split = replace(split, outlying=_expand_mask(split.estimation, outlying))
-        found = build_candidates(
-            split.training, inquiry.base, everything, inquiry.cells, inquiry.options
-        )
-        inquiry.say(f"naming: {len(found)} candidates")
-        weighed, diagnosis = separate(split, inquiry, found, parts, fits.fit(split))
-        again = _find_outliers(training, diagnosis, outlying)
-        if outlying.any():
-            _, with_all = separate(every_row, inquiry, found, parts, fits.fit(every_row))
-            again = _reconsider_outliers(training, with_all, outlying, again)
-        is_settled = (again == outlying).all()
-        if is_settled or again.mean() > MAX_OUTLIER_SHARE:
-            break
-        outlying = again
-    if diagnosis.dropped:
-        labels = ", ".join(diagnosis.dropped)
-        inquiry.say(News(f"dropped {labels}", kept=True))
-    return weighed, diagnosis, diagnosis.offered or found
-
-
-def _reconsider_outliers(
-    training: Problem, with_all: Diagnosis, outlying: Mask, again: Mask
-) -> Mask:
-    """Reconsider outliers by a search with all rows.
-
-    An effect of a few rows resembles outliers until it may be named. Returns the outliers of that
-    search if they are at most half as many, else `again`."""
-    none = np.zeros(len(training), bool)
-    fewer = _find_outliers(training, with_all, none)
-    half = outlying.sum() / 2
-    if fewer.sum() <= half:
-        return fewer
-    return again
-
-
-def _find_outliers(problem: Problem, diagnosis: Diagnosis, outlying: Mask) -> Mask:
-    """Find rows far off the extended model.
-
-    They are judged in robust standard deviations of the rows that are not `outlying`, to which it
-    was fitted."""
-    size = whitened(problem, diagnosis.fit.residuals(problem))
-    measured = problem.measured
-    if measured is not None:
-        measured = measured[~outlying]
-    return find_far_rows(size, size[~outlying], _choose_threshold(diagnosis), measured)
 
 
 def _find_outliers_everywhere(split: Split, sample: Split, diagnosis: Diagnosis) -> Mask:
@@ -224,16 +154,12 @@ def _find_outliers_everywhere(split: Split, sample: Split, diagnosis: Diagnosis)
     measured = problem.measured
     if measured is not None:
         measured = measured[used]
-    is_far = find_far_rows(size, size[used], _choose_threshold(diagnosis), measured)
+    is_far = find_far_rows(size, size[used], choose_threshold(diagnosis), measured)
     outlying = split.estimation & is_far
     share = outlying[split.estimation].mean()
     if share <= MAX_OUTLIER_SHARE:
         return outlying
     return sample.outlying
-
-
-def _choose_threshold(diagnosis: Diagnosis) -> float:
-    return REFINED_THRESHOLD if diagnosis.effects else GROSS_THRESHOLD
 
 
 def _draw_configurations(split: Split, seed: int, max_rows: int) -> Mask:
@@ -243,14 +169,6 @@ def _draw_configurations(split: Split, seed: int, max_rows: int) -> Mask:
     share = max_rows / float(split.estimation.sum())
     count = max(MIN_CONFIGURATIONS, int(share * len(drawn)))
     return np.asarray(split.estimation & np.isin(block, drawn[:count]))
-
-
-def _expand_mask(rows: Mask, marked: Mask) -> Mask:
-    """Expand a mask of the selected rows to all rows (m,)."""
-    mask = np.zeros(len(rows), bool)
-    selected = np.flatnonzero(rows)
-    mask[selected[marked]] = True
-    return mask
 
 
 @dataclass(frozen=True)

@@ -140,10 +140,11 @@ class _Separation:
         split = self.split
         return compute_criterion(split.problem, split.used, fitted, left, log_prior)
 
-    def explain(self) -> _Explanation:
-        """Explain the data by effects and errors; what may be either is decided by the criterion."""
+    def explain(self, known: tuple[Candidate, ...] = ()) -> _Explanation:
+        """Explain the data by effects and errors; what may be either is decided by the criterion.
+        `known`: effects that the search starts from."""
         sure = self.find_parts(self.base_fit, DIRECTIONS)
-        best = self.search(sure)
+        best = self.search(sure, known)
         if best.left.shared:
             every = self.find_parts(self.base_fit, before=sure)
             if every.tells(DIRECTIONS):
@@ -243,15 +244,17 @@ def separate(
     found: tuple[Candidate, ...],
     parts: tuple[PossiblePart, ...],
     base_fit: Fit,
+    known: tuple[Candidate, ...] = (),
 ) -> tuple[Split, Diagnosis]:
     """Separate effects from errors that do not repeat, and weigh how much of each effect is proven.
 
-    `base_fit`: of the base to the rows that the split uses. Returns the split, whitened by the errors
+    `base_fit`: of the base to the rows that the split uses; `known`: some of the candidates `found`,
+    from which the search starts. Returns the split, whitened by the errors
     that were found, and the diagnosis."""
     if not found:
         return split, build_empty(inquiry.base, base_fit)
     separation = _Separation(split, inquiry, found, parts, base_fit)
-    best = separation.explain()
+    best = separation.explain(known)
     diagnosis, errors = prove(conclude(best.explored)), best.left
     if [one.candidate for one in diagnosis.effects] != list(best.explored.chosen):
         errors = separation.find_parts(diagnosis.fit, before=errors)

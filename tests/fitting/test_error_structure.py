@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from builders import OFF_AXIS, ON_AXIS, bind, measured, seeds, small_arm
-from scipy.stats import multivariate_normal
+from scipy.stats import multivariate_normal, norm
 
 from modelsel._typing import Array
 from modelsel.fitting import error_structure, part_trials
@@ -30,7 +30,7 @@ from modelsel.mechanisms.causes import ONE
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Screw, Term
 from modelsel.robot.kinematics import Robot, forward
-from modelsel.selection.structure_criterion import compute_criterion
+from modelsel.selection.structure_criterion import compute_criterion, compute_trimmed_criterion
 
 ARM = small_arm()
 SIGMA = 0.05
@@ -439,6 +439,29 @@ def test_the_criterion_is_that_of_the_density(rng: np.random.Generator, targets:
         density = multivariate_normal(cov=scale * V).logpdf(e)
         used = fitted.rows - fitted.freedom + len(errors.shared)
         differences.append(said - (-2 * density + used * np.log(N) - 2 * log_prior))
+    assert differences[0] == pytest.approx(differences[1], abs=1e-6)
+
+
+def test_an_outlier_costs_what_a_row_at_the_threshold_does(rng: np.random.Generator) -> None:
+    """−2 ln of the normal density of all rows, the residuals of outliers as long as the threshold."""
+    at = campaign(rng)
+    threshold = 6.0
+    outlying = np.zeros(len(at), bool)
+    outlying[[3, 17]] = True
+    differences = []
+    for marked in (outlying, np.zeros(len(at), bool)):
+        training = ~marked
+        fitted = fit(at.take(training), BASE)
+        said = compute_trimmed_criterion(
+            at, training, marked, fitted, ErrorStructure(), -3.0, threshold
+        )
+        e = fitted.residuals(at)
+        N = e[training].size
+        scale = float(np.square(e[training]).sum()) / N
+        e[marked] = threshold * np.sqrt(scale) * np.array([1.0, 0.0, 0.0])
+        density = norm(scale=np.sqrt(scale)).logpdf(e).sum()
+        used = fitted.rows - fitted.freedom
+        differences.append(said - (-2 * density + used * np.log(N) + 2 * 3.0))
     assert differences[0] == pytest.approx(differences[1], abs=1e-6)
 
 
