@@ -29,10 +29,11 @@ def explain_names(names: Sequence[str], joints: int | None = None) -> list[str]:
     text = "\n".join(names)
     lines = _explain_place(text, joints)
     lines += _explain_shapes(text)
-    if " & " in text:
-        lines.append(PAIR)
     causes = [name for name in names if REGISTERED.match(name) is None]
-    words = WORD.findall("\n".join(causes))
+    own_text = "\n".join(causes)
+    if " & " in own_text:
+        lines.append(PAIR)
+    words = WORD.findall(own_text)
     lines += _explain_derived(words)
     lines += _explain_members(words)
     found = map(NUMBERED.search, names)

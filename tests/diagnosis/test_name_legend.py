@@ -37,8 +37,9 @@ def test_every_kind_of_name_is_explained_once() -> None:
 
 
 def test_the_name_of_a_target_is_no_cause() -> None:
-    """*target: the target* was said of every step of one."""
-    names = ["target-step", "target-step:torque2", "target-step:B (2)"]
+    """*target: the target* was said of every step of one. Targets that move alike are no pair of
+    numbers."""
+    names = ["target-step", "target-step:torque2", "target-step:B (2)", "target-step:A & C"]
     assert explain_names(names, 6) == ["(2) after a name: one of several effects of that name"]
 
 
