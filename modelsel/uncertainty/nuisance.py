@@ -18,8 +18,8 @@ from ..fitting.design import PLACE, Model
 from ..fitting.noise import Instrument
 from ..fitting.problem import Problem
 from ..mechanisms.moved_targets import find_moved_targets, limit_to_targets
-from ..mechanisms.target_names import number_targets
 from ..mechanisms.registry import Registry, Scanned
+from ..mechanisms.target_names import number_targets
 from ..mechanisms.terms import Mechanism, Screw, TermKey
 from ..robot.kinematics import Robot
 
