@@ -72,6 +72,14 @@ class _Rounds:
             self.visited[key] = named
         return self.visited[key]
 
+    def find_outliers(self, named: _Visited, outlying: Mask) -> Mask:
+        """Find the estimation rows far off what was named without some of them."""
+        diagnosis = named.diagnosis
+        own = diagnosis.errors.of_instrument()
+        weighed = own.whiten(self.split.problem)
+        training = weighed.take(self.split.estimation)
+        return _find_outliers(training, diagnosis, outlying)
+
     def propose(self, outlying: Mask) -> Steps:
         """Propose steps that explain some outliers to a search in all estimation rows."""
         none = np.zeros(len(outlying), bool)
@@ -118,8 +126,8 @@ def alternate(split: Split, inquiry: Inquiry) -> tuple[Split, Diagnosis, tuple[C
 
     Where the extended model shows other outliers than the base did, effects are named once more
     without those. An effect of a few rows resembles outliers until it may be named: where a search in
-    all rows leaves at most half as many, these are taken. Rows are judged by themselves, whatever
-    errors they share."""
+    all rows leaves at most half as many, these are taken. Rows are judged by themselves, by what the
+    instrument has in their directions, whatever errors they share."""
     training = split.problem.take(split.estimation)
     fits = BaseFits(inquiry.base)
     none = np.zeros(len(training), bool)
@@ -132,12 +140,12 @@ def alternate(split: Split, inquiry: Inquiry) -> tuple[Split, Diagnosis, tuple[C
     known: Steps = ()
     for _ in range(MAX_ROUNDS):
         last = rounds.visit(outlying, known)
-        again = _find_outliers(training, last.diagnosis, outlying)
+        again = rounds.find_outliers(last, outlying)
         known = ()
         if outlying.any():
             proposed = rounds.propose(outlying)
             with_all = rounds.visit(none, proposed)
-            fewer = _find_outliers(training, with_all.diagnosis, none)
+            fewer = rounds.find_outliers(with_all, none)
             if not fewer.any():
                 last = with_all
                 break

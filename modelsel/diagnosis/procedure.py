@@ -148,7 +148,8 @@ def _find_outliers_everywhere(split: Split, sample: Split, diagnosis: Diagnosis)
     """Find outliers among all estimation rows, judged by the sampled rows.
 
     Where they would be too many, those of the sample alone are returned."""
-    problem = split.problem
+    own = diagnosis.errors.of_instrument()
+    problem = own.whiten(split.problem)
     used = sample.used
     size = whitened(problem, diagnosis.fit.residuals(problem))
     measured = problem.measured

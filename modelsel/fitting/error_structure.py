@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._linalg import TINY
-from .._part_names import INSTRUMENT_PARTS
+from .._part_names import INSTRUMENT, INSTRUMENT_PARTS
 from .._typing import Index, Mask
 from .design import compute_design
 from .largest_likelihood import maximise_likelihood
@@ -88,13 +88,18 @@ class ErrorStructure:
 
     def without(self, by: str) -> ErrorStructure:
         """Return the parts without those that `by` identifies."""
-        kept = [part.told_by != by for part in self.parts]
-        parts, shared = compress(self.parts, kept), compress(self.shared, kept[1:])
-        return ErrorStructure(tuple(parts), tuple(shared))
+        return self._keep([part.told_by != by for part in self.parts])
 
     def without_instrument(self) -> ErrorStructure:
         """Return the parts without those that the instrument has in some directions."""
-        kept = [part.name not in INSTRUMENT_PARTS for part in self.parts]
+        return self._keep([part.name not in INSTRUMENT_PARTS for part in self.parts])
+
+    def of_instrument(self) -> ErrorStructure:
+        """Return the instrument's parts alone, which every row has by itself."""
+        return self._keep([part.name.startswith(INSTRUMENT) for part in self.parts])
+
+    def _keep(self, kept: list[bool]) -> ErrorStructure:
+        """Keep some of the parts, the instrument's first among them."""
         parts = compress(self.parts, kept)
         shared = compress(self.shared, kept[1:])
         return ErrorStructure(tuple(parts), tuple(shared))

@@ -1,0 +1,50 @@
+"""An instrument that is louder in one direction, beside an error of the arm: the error is named, no
+joint is blamed, and no row is an outlier for a loud coordinate."""
+
+from __future__ import annotations
+
+import numpy as np
+from builders import OFF_AXIS, bind, seeds, small_arm
+
+from modelsel.diagnosis.procedure import diagnose_split
+from modelsel.fitting.design import Model
+from modelsel.measurements.measurements import build_measurements
+from modelsel.mechanisms.registry import every, mechanism
+from modelsel.robot.kinematics import forward
+from modelsel.selection.evaluation import Split
+
+ARM = small_arm()
+
+
+def measure(rng: np.random.Generator, rows: int = 90) -> tuple[np.ndarray, np.ndarray]:
+    """Readings of an arm whose joint 2 turns unevenly, and positions, five times louder along z."""
+    q = ARM.draw(rng, rows)
+    there = q.copy()
+    there[:, 1] += 4e-4 * np.sin(9 * q[:, 1] + rng.uniform(0, 6))
+    position = forward(ARM, there, np.array(OFF_AXIS))
+    return q, position + rng.normal(0, (0.015, 0.015, 0.075), position.shape)
+
+
+def name(q: np.ndarray, position: np.ndarray) -> tuple[Split, object]:
+    at = bind(ARM, build_measurements(q, position))
+    rows = len(q)
+    split = Split(at, np.ones(rows, bool), np.zeros(rows, bool), np.zeros(rows, np.intp), False)
+    base = Model((mechanism("geometric", ARM),))
+    split, diagnosis, _ = diagnose_split(split, base, every(ARM), 1, cells=True)
+    return split, diagnosis
+
+
+@seeds(1, 2, 3)
+def test_the_wave_is_named_and_the_noise_is_the_instrument_s(rng: np.random.Generator) -> None:
+    split, diagnosis = name(*measure(rng))
+    assert [effect.candidate.label for effect in diagnosis.effects] == ["gear-ripple:2"]
+    assert diagnosis.errors.names == ("instrument z",)
+    assert not split.outlying.any()
+
+
+def test_a_row_far_off_is_an_outlier_all_the_same(rng: np.random.Generator) -> None:
+    q, position = measure(rng)
+    row = int(rng.integers(len(q)))
+    position[row, 0] += 0.6
+    split, _ = name(q, position)
+    assert np.flatnonzero(split.outlying).tolist() == [row]
