@@ -16,13 +16,13 @@ from modelsel.selection.evaluation import Split
 ARM = small_arm()
 
 
-def measure(rng: np.random.Generator, rows: int = 90) -> tuple[np.ndarray, np.ndarray]:
-    """Readings of an arm whose joint 2 turns unevenly, and positions, five times louder along z."""
+def measure(rng: np.random.Generator, rows: int = 120) -> tuple[np.ndarray, np.ndarray]:
+    """Readings of an arm whose joint 2 turns unevenly, and positions, eight times louder along z."""
     q = ARM.draw(rng, rows)
     there = q.copy()
     there[:, 1] += 4e-4 * np.sin(9 * q[:, 1] + rng.uniform(0, 6))
     position = forward(ARM, there, np.array(OFF_AXIS))
-    return q, position + rng.normal(0, (0.015, 0.015, 0.075), position.shape)
+    return q, position + rng.normal(0, (0.015, 0.015, 0.12), position.shape)
 
 
 def name(q: np.ndarray, position: np.ndarray) -> tuple[Split, object]:
@@ -38,7 +38,9 @@ def name(q: np.ndarray, position: np.ndarray) -> tuple[Split, object]:
 def test_the_wave_is_named_and_the_noise_is_the_instrument_s(rng: np.random.Generator) -> None:
     split, diagnosis = name(*measure(rng))
     assert [effect.candidate.label for effect in diagnosis.effects] == ["gear-ripple:2"]
-    assert diagnosis.errors.names == ("instrument z",)
+    names = diagnosis.errors.names
+    assert "instrument z" in names
+    assert not any(name.startswith("joint") for name in names)
     assert not split.outlying.any()
 
 
