@@ -154,6 +154,10 @@ def _add_targets(name: str, registry: Registry) -> tuple[tuple[str, ...], Regist
     if not moved:
         return (), registry
     targets = tuple(moved.split(JOINED))
+    if not all(target.strip() for target in targets):
+        raise StudyError(f'"{name}": the name of a target is missing beside "&".')
+    if len(set(targets)) < len(targets):
+        raise StudyError(f'"{name}": a target stands twice.')
     return targets, set_targets(registry, targets, (*targets, "another"))
 
 

@@ -40,9 +40,6 @@ from .unregistered import (
     list_distinct_places,
 )
 
-# share of the arm's reach that an instrument is at least away from the base where it is known to
-# stand apart from the arm
-APART = 0.5
 MANY_FRAMES = 4  # that one number moves, from which they are told together
 # share of the prior probability that the registered mechanisms have together
 REGISTERED = 0.6
@@ -240,10 +237,8 @@ def find_cell_prior(found: Sequence[Candidate]) -> float:
 def list_usable_names(problem: Problem) -> frozenset[str]:
     """List the state variables that mechanisms may look at: angles of the beam only where the
     instrument is not taken to stand in the arm, for want of its place."""
-    _, bases = problem.placement
-    distance = np.linalg.norm(bases - np.array(problem.tracker), axis=1)
     names = frozenset(problem.names())
-    if distance.min() > APART * problem.robot.reach:
+    if problem.stands_apart:
         return names
     return frozenset(name for name in names if state_kind(name) not in NEED_INSTRUMENT)
 

@@ -15,7 +15,7 @@ import numpy as np
 from ..fitting.problem import Problem
 from ..mechanisms.campaign_registry import TARGET_STEP
 from ..mechanisms.environment import STEPS
-from ..mechanisms.moved_targets import find_moved_targets
+from ..mechanisms.moved_targets import JOINED, find_moved_targets
 from ..mechanisms.step_moments import list_step_moments
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
@@ -33,10 +33,17 @@ def generate_common_steps(search: Search, chosen: Sequence[int]) -> Iterator[Com
     steps = {g: search.candidates[g] for g in chosen if _is_step(search.candidates[g])}
     for (g, first), (h, second) in combinations(steps.items(), 2):
         targets = _find_common(_list_moved(problem, first), _list_moved(problem, second))
-        if 1 < len(targets) < len(problem.data.targets):
+        if 1 < len(targets) < len(problem.data.targets) and _have_own_name(problem, targets):
             common = _build_candidates(search, targets, (first, second))
             listed = build_listed([first, second])
             yield Company((g, h), listed, common)
+
+
+def _have_own_name(problem: Problem, targets: Targets) -> bool:
+    """Whether the names of some targets, joined, are no target's."""
+    names = problem.data.targets
+    joined = JOINED.join(names[place] for place in sorted(targets))
+    return joined not in names
 
 
 def _is_step(candidate: Candidate) -> bool:

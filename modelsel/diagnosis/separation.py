@@ -248,9 +248,9 @@ def separate(
 ) -> tuple[Split, Diagnosis]:
     """Separate effects from errors that do not repeat, and weigh how much of each effect is proven.
 
-    `base_fit`: of the base to the rows that the split uses; `known`: some of the candidates `found`,
-    from which the search starts. Returns the split, whitened by the errors
-    that were found, and the diagnosis."""
+    `base_fit`: of the base to the rows that the split uses; `known`: candidates from which the search
+    starts, also such as are not among `found`. Returns the split, whitened by the errors that were
+    found, and the diagnosis."""
     if not found:
         return split, build_empty(inquiry.base, base_fit)
     separation = _Separation(split, inquiry, found, parts, base_fit)

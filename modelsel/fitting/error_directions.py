@@ -1,5 +1,5 @@
-"""Alignment: whether the errors of single rows lie along what a joint would move, whatever their
-lengths.
+"""Alignment: whether the errors of single rows lie along what a joint would move, or where an
+instrument would err most, whatever their lengths.
 
 Where nothing was measured again and there is one target, a joint that does not repeat is told by the
 directions of the errors alone. Its likelihood also gains by a few loud rows that happen to lie where

@@ -1,11 +1,12 @@
 """What does not repeat: the variance components of a campaign's errors, and what identifies each.
 
 Parts: the instrument; each joint, which repeats to a standard deviation of its own, one draw a visit,
-shared by all targets; what the rows of one configuration share; what the rows of one group share; what
-lasts along the order of motion. A part beyond the instrument is accepted if it raises the restricted
-likelihood by more than chance does at LEVEL: without it, twice the gain is zero in half of all studies
-and otherwise chi-square (Self & Liang 1987; Stram & Lee 1994, Biometrics 50, 1171), which is
-conservative in small studies (Crainiceanu & Ruppert 2004)."""
+shared by all targets; what the instrument has in one direction more than in others; what the rows of
+one configuration share; what the rows of one group share; what lasts along the order of motion. A part
+beyond the instrument is accepted if it raises the restricted likelihood by more than chance does at
+LEVEL: without it, twice the gain is zero in half of all studies and otherwise chi-square (Self & Liang
+1987; Stram & Lee 1994, Biometrics 50, 1171), which is conservative in small studies (Crainiceanu &
+Ruppert 2004)."""
 
 from __future__ import annotations
 

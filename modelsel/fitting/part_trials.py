@@ -49,7 +49,7 @@ def find_next(
     tried = lasting[:1] + others[:TRIED]
     best: _Trial | None = None
     unsure: _Trial | None = None
-    gain_of_even = _measure_even(at, tried)
+    gain_of_even = _measure_even(at, [score.part for score in tried])
     for score in tried:
         may_be_there = score.may_exceed(best, LEVEL)
         is_first = bool(others) and score is others[0]
@@ -95,8 +95,11 @@ def _divide_lasting(
         if trial.log <= best.log:
             break
         best, longest = trial, one
-    p = visit.tests * compute_p(best.log - at.log)
-    if longest is now or p > LEVEL:
+    if longest is now:
+        return None
+    gain = best.log - at.log - _measure_even(at, [visit])
+    p = visit.tests * compute_p(gain)
+    if p > LEVEL:
         return None
     others = [one for one in chosen if one is not now]
     return [*others, longest, visit], best
@@ -220,10 +223,10 @@ class _Trial(NamedTuple):
         return self.log - self.even - _handicap(self.part)
 
 
-def _measure_even(at: Likelihood, tried: Sequence[_Score]) -> float:
+def _measure_even(at: Likelihood, tried: Sequence[PossiblePart]) -> float:
     """Measure what twice the log likelihood gains by noise that is alike in all rows, where a part
     that is tried must gain more than that."""
-    all_even = (score.part.even for score in tried if score.part.even is not None)
+    all_even = (part.even for part in tried if part.even is not None)
     even = next(all_even, None)
     if even is None:
         return 0.0

@@ -38,9 +38,6 @@ LASTING_TESTS = 3
 # correlation lengths, and at least so many rows, after which a lasting error starts afresh
 STRETCH = 8
 FEWEST_ROWS = 16
-# share of the arm's reach from its base beyond which what the measurements' frame starts from is taken
-# for the instrument
-APART = 0.5
 # share of the largest loading below which a joint does not move the target
 MIN_LOADING = 1e-3
 
@@ -49,10 +46,10 @@ MIN_LOADING = 1e-3
 class PossiblePart:
     """A part that the errors may have.
 
-    name: "joint 2", "instrument z", "configuration", "group" or "lasting"; unit: that of its scale; square: mean square
-    [mm²] over the rows of the target's displacement by one unit; told_by: what distinguishes it from
-    others; tests: how many tests it counts for; even: noise alike in all rows, none of which share
-    it, that must not tell the data as well."""
+    name: "joint 2", "instrument z", "configuration", "group" or "lasting"; unit: that of its scale;
+    square: mean square [mm²] over the rows of the target's displacement by one unit; told_by: what
+    distinguishes it from others; tests: how many tests it counts for; even: noise alike in all rows,
+    none of which share it, that must not tell the data as well."""
 
     name: str
     unit: str
@@ -181,7 +178,7 @@ def _list_instrument(problem: Problem) -> list[PossiblePart]:
     ]
     line = problem.data.position - np.array(problem.tracker)
     distance = np.linalg.norm(line, axis=1)
-    if not distance.all() or not _stands_apart(problem):
+    if not distance.all() or not problem.stands_apart:
         return found
     u = line / distance[:, None]
     along = np.matmul(loading, u[:, :, None])
@@ -199,17 +196,6 @@ def _build_own(name: str, unit: str, loading: Array, square: float) -> PossibleP
     error = SharedError(by_row, own_level)
     tests = len(INSTRUMENT_PARTS)
     return PossiblePart(name, unit, error, square, DIRECTIONS, tests)
-
-
-def _stands_apart(problem: Problem) -> bool:
-    """Whether the instrument stands apart from the arm's base, as one does that looks at the arm;
-    else its position is but the origin of a frame."""
-    _, base = problem.placement
-    own = np.array(problem.tracker)
-    apart = np.linalg.norm(base - own, axis=1)
-    least = APART * problem.reach_mm
-    is_apart = apart > least
-    return bool(is_apart.all())
 
 
 def _span_across(u: Array) -> Array:

@@ -33,6 +33,8 @@ TOOLS_REMEDY = (
 )
 PLACEMENT_EXPECTED = "R (groups, 3, 3) and t (groups, 3) [mm] of frame 0 in the tracker's frame"
 MAX_LISTED = 3  # targets that a problem shows
+# share of the arm's reach between its base and an instrument that stands apart from it
+APART = 0.5
 BLOCK = 4096  # rows: the arrays of one block stay in cache
 
 
@@ -95,6 +97,16 @@ class Problem:
     def reach_mm(self) -> float:
         """How far the arm and its longest target reach [mm]."""
         return self.robot.reach + float(np.linalg.norm(self.tools, axis=1).max(initial=0))
+
+    @cached_property
+    def stands_apart(self) -> bool:
+        """Whether the instrument stands apart from the arm, as one does that looks at it; else its
+        position is but the origin of a frame, for want of a better one."""
+        _, bases = self.placement
+        own = np.array(self.tracker)
+        distance = np.linalg.norm(bases - own, axis=1)
+        least = APART * self.robot.reach
+        return bool(distance.min() > least)
 
     @cached_property
     def placed(self) -> Index:

@@ -18,7 +18,7 @@ from ..robot.files import as_robot
 from ..robot.gravity import find_bearing_joints
 from ..robot.kinematics import Robot
 from . import compliance, drives, environment, geometry, gravity_effects, instrument, motors
-from .target_names import add_targets, choose_targets, limit_steps, refuse_target
+from .target_names import add_targets, check_order, choose_targets, limit_steps, refuse_target
 from .terms import Mechanism, unstorable
 
 
@@ -221,6 +221,7 @@ def _build_of_targets(
     _, _, given = name.partition(":")
     numbers, constant = choose_targets(given, targets)
     if numbers:
+        check_order(name, numbers, targets)
         steps = _build_scanned(name, None, constant or None, robot, entry)
         return limit_steps(steps, numbers, targets, entry.numbers)
     refused = refuse_target(name, given, targets)

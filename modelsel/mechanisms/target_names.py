@@ -45,6 +45,18 @@ def choose_targets(given: str, targets: Sequence[str]) -> tuple[tuple[int, ...],
     return (), given
 
 
+def check_order(name: str, places: Sequence[int], targets: Sequence[str]) -> None:
+    """Check that targets which move alike stand in the order of their file, so that one step has one
+    name. Raises StudyError with the right name."""
+    ordered = sorted(places)
+    if list(places) == ordered:
+        return
+    written = JOINED.join(targets[place] for place in places)
+    right = JOINED.join(targets[place] for place in ordered)
+    expected = name.replace(written, right, 1)
+    raise StudyError(f'"{name}": targets stand in the order of the file, as in "{expected}".')
+
+
 def limit_steps(
     steps: Sequence[Mechanism],
     places: Sequence[int],

@@ -98,6 +98,8 @@ def _list_moves(order: list[Section], white: Sequence[float]) -> list[list[Secti
     for place, section in enumerate(order):
         if _is_large(section):
             large.append(place)
+    if not large:
+        return []
     most = max(white)
     number = list(white).index(most)
     worst = large[number]

@@ -33,7 +33,7 @@ MIN_SHARE = 0.005
 # lines of a terminal
 MAX_LINES = 6
 # sources of a noise floor
-ESTIMATED, REPEATS, TARGETS = "estimated", "repeats", "target pairs"
+ESTIMATED, REPEATS = "estimated", "repeats"
 # parts, by what tells them, that repeats of one posture share
 SHARED_BY_REPEATS = {("configuration", "repeats"), ("group", "groups")}
 # what is shown of parts whose names say too little, by what tells them
@@ -62,7 +62,8 @@ def measure_unrepeated(errors: ErrorStructure, floor: Floor) -> float:
     parts = errors.parts[1:]
     if floor.source == REPEATS:
         parts = tuple(part for part in parts if (part.name, part.told_by) in SHARED_BY_REPEATS)
-    if floor.source == TARGETS:
+    else:
+        # the floor is all that the instrument has, in whatever direction
         parts = tuple(part for part in parts if part.name not in INSTRUMENT_PARTS)
     squares = [part.at_target**2 for part in parts]
     return float(np.sqrt(sum(squares)))

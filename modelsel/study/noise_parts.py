@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .._part_names import JOINTS, is_named, list_joints
+from .._part_names import ACROSS_LINE, ALONG_LINE, JOINTS, is_named, list_joints
 from ..config.study_file import Study
 from ..config.study_tables import NoiseTable
 from ..exceptions import StudyError, count_words
@@ -17,7 +17,10 @@ MAX_SCALE_RAD = 0.1
 MAX_SCALE_SHARE = 0.1
 MIN_LARGEST_MM = 10.0
 # what would tell a part that the data do not tell
+APART = "it takes an instrument that stands apart from the arm; tracker_mm says where it stands"
 WHAT_WOULD_TELL = {
+    ALONG_LINE: APART,
+    ACROSS_LINE: APART,
     "configuration": "several targets at each configuration, or configurations measured again, would",
     "group": f"it takes {MIN_GROUPS} groups or more, of a few rows each",
     "lasting": "it takes configurations measured one after another, in the order of the rows",

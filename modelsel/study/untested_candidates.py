@@ -11,7 +11,7 @@ from ..exceptions import StudyError, sentence_list
 from ..fitting.problem import Problem
 from ..measurements.state_names import describe_state_name
 from ..mechanisms.campaign_registry import TARGET_STEP, set_targets
-from ..mechanisms.moved_targets import find_moved_targets
+from ..mechanisms.moved_targets import JOINED, find_moved_targets
 from ..mechanisms.registry import Registry, Scanned, build_mechanisms
 from ..mechanisms.terms import Mechanism
 from ..notices import Note
@@ -20,7 +20,7 @@ from ..notices import Note
 @dataclass(frozen=True)
 class Untested:
     """Names of mechanisms that cannot be tested, each with the state variables that are unknown; and
-    steps of one target that has too few rows before or after any moment, or no estimation row."""
+    steps of targets that have too few rows before or after any moment, or no estimation row."""
 
     missing: dict[str, frozenset[str]]
     one_sided: tuple[str, ...] = ()
@@ -38,9 +38,12 @@ class Untested:
             listed = "; ".join(parts)
             sentences.append(f"{listed}, of which the measurements say nothing.")
         sentences += [
-            f"{name} needs its target both before and after a slip." for name in self.one_sided
+            f"{name} needs {_say_targets(name)} both before and after a slip."
+            for name in self.one_sided
         ]
-        sentences += [f"{name} needs estimation rows of its target." for name in self.unseen]
+        sentences += [
+            f"{name} needs estimation rows of {_say_targets(name)}." for name in self.unseen
+        ]
         return " ".join(sentences)
 
     def note(self) -> tuple[Note, ...]:
@@ -112,6 +115,11 @@ def find_unseen_steps(
     return tuple(unseen)
 
 
+def _say_targets(name: str) -> str:
+    """Say of how many targets a step is, by its name."""
+    return "its targets" if JOINED in name else "its target"
+
+
 def refuse_unseen(names: Sequence[str], problem: Problem, registry: Registry) -> None:
     """Raise StudyError where mechanisms of the study's own models move a target that was left out."""
     unseen = find_unseen_steps(names, problem, registry)
@@ -125,7 +133,7 @@ def refuse_unseen(names: Sequence[str], problem: Problem, registry: Registry) ->
 def _list_one_sided(
     asked: Sequence[str], problem: Problem, mechanisms: Sequence[Mechanism]
 ) -> tuple[str, ...]:
-    """List the steps of one target, asked for by its name, that no moment has rows on both sides of."""
+    """List the steps of some targets, asked for by name, that no moment has rows on both sides of."""
     of_targets = [m for m in mechanisms if find_moved_targets(m)]
     known = {m.name for m in of_targets if has_both_sides(problem, m)}
     one_sided = dict.fromkeys(m.name for m in of_targets if m.name not in known)

@@ -60,6 +60,8 @@ def test_a_step_of_targets_that_move_alike_is_explained_by_their_names() -> None
     ("name", "said"),
     [
         ("target-step:", "the name of a target is missing after the colon"),
+        ("target-step:A & ", 'the name of a target is missing beside "&"'),
+        ("target-step:A & A", "a target stands twice"),
         ("target-step:0.512", "0.512 is not among the constants of target-step"),
         ("target-step:B:0.512", "0.512 is not among the constants of target-step"),
     ],

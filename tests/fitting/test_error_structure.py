@@ -214,6 +214,19 @@ def test_what_a_visit_shares_is_told_beside_what_lasts(rng: np.random.Generator)
     assert sum("configuration" in names for names in alone) <= 1
 
 
+def test_uneven_weights_are_not_taken_for_what_a_visit_shares(rng: np.random.Generator) -> None:
+    """Where stated uncertainties are not right, noise alike in all rows gains more than anything
+    that a visit shares."""
+    told = 0
+    for _ in range(10):
+        at = share_and_last(rng, 0.0)
+        stated = SIGMA * np.exp(rng.normal(0, 0.8, len(at)))
+        matrices = np.eye(3) / stated[:, None, None]
+        weighed = replace(at, whitening=Whitening(matrices=matrices))
+        told += "configuration" in structure_of(weighed).names
+    assert told <= 1
+
+
 def test_beside_what_lasts_hardly_anything_is_told(rng: np.random.Generator) -> None:
     """Three joints and the instrument are tried at 1 % each: of 30 campaigns chance gives four or
     more another part in one of 50."""

@@ -54,8 +54,8 @@ def test_a_name_of_several_targets_is_that_of_their_common_step() -> None:
     assert len(own) == len(STEPS)
     assert {m.name for m in own} == {"target-step:B & c:d"}
     assert {find_moved_targets(m) for m in own} == {(Member("target", 1), Member("target", 3))}
-    (turned,) = build_mechanisms("target-step:c:d & B:0.5", ROBOT, registry)
-    assert turned in own
+    (single,) = build_mechanisms("target-step:B & c:d:0.5", ROBOT, registry)
+    assert single in own
     # a target that is called so
     (one,) = build_mechanisms("target-step:A & B:0.5", ROBOT, registry)
     assert find_moved_targets(one) == (Member("target", 2),)
@@ -72,3 +72,13 @@ def test_common_steps_are_not_among_what_every_search_considers() -> None:
     registry = set_targets(BUILTIN, ["A", "B", "C"])
     steps = {m.name for m in every(ROBOT, registry) if m.stem == "target-step"}
     assert steps == {"target-step", "target-step:A", "target-step:B", "target-step:C"}
+
+
+def test_targets_that_move_alike_have_one_name() -> None:
+    """In the order of the file: written in another, it would be another name of the same step."""
+    registry = set_targets(BUILTIN, ("A", "B", "C"))
+    assert build_mechanisms("target-step:A & C:0.5", ROBOT, registry)
+    with pytest.raises(
+        StudyError, match=r'"target-step:C & A:0.5": .* as in "target-step:A & C:0.5"'
+    ):
+        build_mechanisms("target-step:C & A:0.5", ROBOT, registry)

@@ -67,10 +67,9 @@ def test_what_else_does_not_repeat_is_left_too() -> None:
     assert measure_unrepeated(errors, Floor(0.03, "estimated", 100)) == 0
     depth = part("instrument z", 0.07, 0.06, 0.08, told_by="directions", at_target=0.07)
     deeper = ErrorStructure((*errors.parts, depth))
-    # pairs of targets hold what every row has by itself, a stated uncertainty need not
-    pairs, stated = Floor(0.03, "target pairs", 40), Floor(0.03, "stated")
-    assert measure_unrepeated(deeper, pairs) == pytest.approx(np.hypot(0.06, 0.09))
-    assert measure_unrepeated(deeper, stated) == pytest.approx(np.sqrt(0.06**2 + 0.09**2 + 0.07**2))
+    # a floor holds what every row has by itself
+    for one in (Floor(0.03, "target pairs", 40), Floor(0.03, "stated"), Floor(0.03, "instrument")):
+        assert measure_unrepeated(deeper, one) == pytest.approx(np.hypot(0.06, 0.09))
     for more, words in (
         (0.06, "would leave 0.0520 mm, and with what else does not repeat 0.0794 mm."),
         (0.01, "would leave 0.0520 mm."),
