@@ -92,7 +92,8 @@ def folder_of(
     frame["group"] = pd.Series([group] * 18 + ["tuesday"] * 18, dtype=object)
     frame["target"] = pd.Series([target] * 36, dtype=object)
     frame = frame.rename(columns={"payload_kg": column})
-    frame["operator"] = pd.Series([name] * 36, dtype=object)
+    # no number, whatever the name
+    frame["operator"] = pd.Series([f"{name} Smith"] * 36, dtype=object)
     frame[f"{name} too"] = np.linspace(1, 2, 36)
     frame.to_csv(
         place / "measurements.csv",
