@@ -14,8 +14,7 @@ POSTURE = "posture"
 # the instrument's errors in some directions beyond those in all: along an axis of the measurements'
 # frame, along the line from the instrument, and across it in proportion to the distance
 INSTRUMENT = "instrument"
-AXES = ("x", "y", "z")
-ALONG_AXES = tuple(f"{INSTRUMENT} {axis}" for axis in AXES)
+ALONG_AXES = tuple(f"{INSTRUMENT} {axis}" for axis in "xyz")
 ALONG_LINE, ACROSS_LINE = f"{INSTRUMENT} range", f"{INSTRUMENT} angle"
 INSTRUMENT_PARTS = (*ALONG_AXES, ALONG_LINE, ACROSS_LINE)
 

@@ -74,11 +74,10 @@ class _Rounds:
 
     def find_outliers(self, named: _Visited, outlying: Mask) -> Mask:
         """Find the estimation rows far off what was named without some of them."""
-        diagnosis = named.diagnosis
-        own = diagnosis.errors.of_instrument()
+        own = named.diagnosis.errors.of_instrument()
         weighed = own.whiten(self.split.problem)
         training = weighed.take(self.split.estimation)
-        return _find_outliers(training, diagnosis, outlying)
+        return judge_rows(training, named.diagnosis, ~outlying)
 
     def propose(self, outlying: Mask) -> Steps:
         """Propose steps that explain some outliers to a search in all estimation rows."""
@@ -181,25 +180,19 @@ def _judge(split: Split, diagnosis: Diagnosis) -> float:
     )
 
 
-def _find_outliers(problem: Problem, diagnosis: Diagnosis, outlying: Mask) -> Mask:
-    """Find rows far off the extended model.
+def judge_rows(weighed: Problem, diagnosis: Diagnosis, inside: Mask) -> Mask:
+    """Find rows (m,) far off the extended model.
 
-    They are judged in robust standard deviations of the rows that are not `outlying`, to which it
-    was fitted."""
-    residual = diagnosis.fit.residuals(problem)
-    size = whitened(problem, residual)
-    inside = ~outlying
-    measured = problem.measured
+    `weighed`: the rows, by what the instrument has in their directions. They are judged in robust
+    standard deviations of those `inside`, to which the model was fitted."""
+    residual = diagnosis.fit.residuals(weighed)
+    size = whitened(weighed, residual)
+    measured = weighed.measured
     if measured is not None:
         measured = measured[inside]
     reference = size[inside]
-    threshold = choose_threshold(diagnosis)
+    threshold = REFINED_THRESHOLD if diagnosis.effects else GROSS_THRESHOLD
     return find_far_rows(size, reference, threshold, measured)
-
-
-def choose_threshold(diagnosis: Diagnosis) -> float:
-    """Choose the robust standard deviations beyond which a row is an outlier of a diagnosis."""
-    return REFINED_THRESHOLD if diagnosis.effects else GROSS_THRESHOLD
 
 
 def _expand_mask(rows: Mask, marked: Mask) -> Mask:

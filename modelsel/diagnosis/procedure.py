@@ -19,7 +19,7 @@ from .._random import generator
 from .._typing import Array, Index, Mask, Say
 from .._workers import count_cores, steady_arithmetic
 from ..exceptions import StudyError
-from ..fitting.design import Model, whitened
+from ..fitting.design import Model
 from ..fitting.least_squares import fit
 from ..fitting.problem import PROBLEM_EXPECTED, Problem
 from ..mechanisms.campaign_registry import set_targets
@@ -37,8 +37,8 @@ from ..selection.splits import assign_folds
 from .candidates import Candidate
 from .options import DEFAULT_OPTIONS, DiagnosisOptions
 from .outcome import Diagnosis
-from .outlier_rounds import alternate, choose_threshold
-from .outliers import MAX_OUTLIER_SHARE, find_far_rows
+from .outlier_rounds import alternate, judge_rows
+from .outliers import MAX_OUTLIER_SHARE
 from .separation import Inquiry
 from .step_sides import find_open_sides, mark_open
 
@@ -149,13 +149,8 @@ def _find_outliers_everywhere(split: Split, sample: Split, diagnosis: Diagnosis)
 
     Where they would be too many, those of the sample alone are returned."""
     own = diagnosis.errors.of_instrument()
-    problem = own.whiten(split.problem)
-    used = sample.used
-    size = whitened(problem, diagnosis.fit.residuals(problem))
-    measured = problem.measured
-    if measured is not None:
-        measured = measured[used]
-    is_far = find_far_rows(size, size[used], choose_threshold(diagnosis), measured)
+    weighed = own.whiten(split.problem)
+    is_far = judge_rows(weighed, diagnosis, sample.used)
     outlying = split.estimation & is_far
     share = outlying[split.estimation].mean()
     if share <= MAX_OUTLIER_SHARE:

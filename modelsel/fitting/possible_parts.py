@@ -75,25 +75,25 @@ def list_parts(problem: Problem, training: Mask) -> tuple[PossiblePart, ...]:
     data = problem.data.take(training)
     if data.configurations < MIN_LEVELS:
         return ()
+    loading = _load_positions(problem)
     listed = (
         *_list_joints(problem, data),
-        *_list_instrument(problem),
-        *_list_shared(problem, data),
-        *_list_lasting(problem, data, training),
+        *_list_instrument(problem, loading),
+        *_list_shared(problem, data, loading),
+        *_list_lasting(problem, data, training, loading),
     )
-    return _set_against_even_noise(problem, listed)
+    if problem.whitening.uniform:
+        return listed
+    return _set_against_even_noise(listed, loading)
 
 
 def _set_against_even_noise(
-    problem: Problem, listed: Sequence[PossiblePart]
+    listed: Sequence[PossiblePart], loading: Array
 ) -> tuple[PossiblePart, ...]:
     """Set parts against noise that is alike in all rows, where stated uncertainties are not: where
     these are not quite right, such noise gains much, and any part that resembles it.
 
     The joints that repeats or targets tell move every row otherwise, and stay as they are."""
-    if problem.whitening.uniform:
-        return tuple(listed)
-    loading = _load_positions(problem)
     typical = float(np.square(loading).sum(axis=1).mean())
     own_level = np.arange(len(loading))
     even = SharedError(loading, own_level, variance=1 / max(typical, TINY))
@@ -169,9 +169,8 @@ def _load_positions(problem: Problem) -> Array:
     return np.ascontiguousarray(whitened.transpose(2, 1, 0))
 
 
-def _list_instrument(problem: Problem) -> list[PossiblePart]:
+def _list_instrument(problem: Problem, loading: Array) -> list[PossiblePart]:
     """List the directions in which the instrument may err more than in others, one test together."""
-    loading = _load_positions(problem)
     found = [
         _build_own(name, "mm", loading[:, :, axis : axis + 1], 1.0)
         for axis, name in enumerate(ALONG_AXES)
@@ -211,11 +210,10 @@ def _span_across(u: Array) -> Array:
     return np.stack([first, second], axis=2)
 
 
-def _list_shared(problem: Problem, seen: Measurements) -> list[PossiblePart]:
+def _list_shared(problem: Problem, seen: Measurements, loading: Array) -> list[PossiblePart]:
     """List what rows of one visit, of one posture or of one group may share."""
     data = problem.data
     found = []
-    loading = _load_positions(problem)
     if count_excess(seen.configuration, np.arange(len(seen))) >= MIN_EXCESS:
         error = SharedError(loading, data.configuration)
         found.append(PossiblePart("configuration", "mm", error, 3.0, "targets"))
@@ -229,12 +227,13 @@ def _list_shared(problem: Problem, seen: Measurements) -> list[PossiblePart]:
     return found
 
 
-def _list_lasting(problem: Problem, seen: Measurements, training: Mask) -> list[PossiblePart]:
+def _list_lasting(
+    problem: Problem, seen: Measurements, training: Mask, loading: Array
+) -> list[PossiblePart]:
     """List what may last along the order of motion; rows that are not `seen` are cut apart."""
     data = problem.data
     visits = seen.configurations
     time = _time_visits(data, seen)
-    loading = _load_positions(problem)
     found = []
     for length in LENGTHS:
         if length <= visits / 2:

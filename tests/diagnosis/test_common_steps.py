@@ -7,17 +7,7 @@ import re
 import numpy as np
 import pytest
 from builders import seeds
-from hidden_arm import arm
-from test_target_steps import (
-    NAMES,
-    TOOLS,
-    Rng,
-    bind_targets,
-    draw_campaign,
-    draw_slip,
-    explain,
-    measure,
-)
+from test_target_steps import NAMES, Rng, bind_targets, draw_campaign, explain, slip_each
 
 from modelsel.diagnosis.claim_sentences import describe_proven
 from modelsel.diagnosis.scanned_constants import has_both_sides
@@ -59,13 +49,7 @@ def test_two_of_five_that_slip_alike_are_told_together(rng: Rng) -> None:
 @pytest.mark.slow
 @seeds(1, 2, 3)
 def test_two_that_slip_otherwise_at_one_moment_are_told_each(rng: Rng) -> None:
-    robot = load_robot("irb120")
-    body = arm(robot, rng)
-    q = body.draw(rng, 80, 2.6)
-    shifts = np.zeros((80, 3, 3))
-    shifts[40:, 0] = draw_slip(rng)
-    shifts[40:, 2] = draw_slip(rng)
-    effects = explain(bind_targets(robot, q, measure(body, q, TOOLS[:3], shifts, rng)))
+    effects = explain(slip_each(rng, {0: 40, 2: 40}))
     assert {label_effect(effect) for effect in effects} == {"target-step:A", "target-step:C"}
 
 

@@ -96,6 +96,17 @@ def bind_targets(
     return Problem(robot, data, TOOLS[order])
 
 
+def slip_each(rng: Rng, rows: dict[int, int]) -> Problem:
+    """A campaign of 80 configurations and three targets, of which some slip, each from a row on."""
+    robot = load_robot("irb120")
+    body = arm(robot, rng)
+    q = body.draw(rng, 80, 2.6)
+    shifts = np.zeros((80, 3, 3))
+    for target, row in rows.items():
+        shifts[row:, target] = draw_slip(rng)
+    return bind_targets(robot, q, measure(body, q, TOOLS[:3], shifts, rng))
+
+
 def explain(at: Problem) -> tuple[Effect, ...]:
     """The effects beyond the geometry and where each target sits, as a study has them."""
     robot = at.robot
@@ -194,13 +205,7 @@ def test_a_target_that_is_put_back_is_told_twice(rng: Rng) -> None:
 @pytest.mark.slow
 @seeds(1, 2)
 def test_two_targets_that_slip_at_different_moments_are_both_told(rng: Rng) -> None:
-    robot = load_robot("irb120")
-    body = arm(robot, rng)
-    q = body.draw(rng, 80, 2.6)
-    shifts = np.zeros((80, 3, 3))
-    shifts[24:, 1] = draw_slip(rng)
-    shifts[52:, 2] = draw_slip(rng)
-    effects = explain(bind_targets(robot, q, measure(body, q, TOOLS[:3], shifts, rng)))
+    effects = explain(slip_each(rng, {1: 24, 2: 52}))
     assert {label_effect(effect) for effect in effects} == {"target-step:B", "target-step:C"}
 
 
