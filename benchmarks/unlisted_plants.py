@@ -37,8 +37,8 @@ The next five came later, when the search was finished. Three of them led to can
 afterwards: products of two readings, errors around one reading (bump), and shapes that change along
 the campaign (creep). Three more came after these; the soft lag then led to rivals, and the dent, told
 as bumps are, was looked at when these became candidates. The last four came after that: the
-difference led to waves of two readings at a joint that seems not to repeat, the sway to slow waves
-along the campaign; what warms and what drags came last. With these two, with what settles, with play
+difference led to waves of two readings at a joint that seems not to repeat, later as rivals, too, the
+sway to slow waves along the campaign; what warms and what drags came last. With these two, with what settles, with play
 that gives way and with the wrist that bends, no candidate and no constant was chosen. What is drawn
 came when the search was finished again; functions of any shape at a joint that seems not to repeat,
 powers of covariates with few values, and prior probabilities of unlisted shapes followed from it.

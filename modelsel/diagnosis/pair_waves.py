@@ -1,11 +1,12 @@
-"""Waves of two joints' readings together, at a joint that seems not to repeat.
+"""Waves of two joints' readings together, at a joint's rotation.
 
 The error map has the first waves of a sum and of a difference; of higher ones there are hundreds at
-every joint, which are looked for where something is left that no other candidate tells."""
+every joint. They are looked for where a joint seems not to repeat, and stand against a finding that
+depends on two readings."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from itertools import combinations, product
 
 from ..fitting.problem import Problem
@@ -14,6 +15,7 @@ from ..mechanisms.terms import Mechanism
 from .arm_shapes import list_turning
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate, find_cell_prior
+from .distinct_places import Place
 from .unregistered import RARE_WEIGHT, build_cell
 
 # waves a turn of either joint, with the sign of the second, that the error map does not have
@@ -29,15 +31,40 @@ def generate_pair_waves(problem: Problem, joint: int) -> Iterator[Mechanism]:
     turning = list_turning(problem.robot)
     if joint not in turning:
         return
-    for a, b in combinations(turning, 2):
-        for first, second in COUNTS:
-            own, other = _multiply(first, q(a)), _multiply(abs(second), q(b))
-            angle = own + other if second > 0 else own - other
-            yield build_cell(
-                place=(joint, "rz"),
-                causes=(sin(angle), cos(angle)),
-                sentence=f"Joint {joint} turns unevenly, with the readings of joints {a} and {b} together",
-            )
+    for pair in combinations(turning, 2):
+        yield from _build_waves(joint, pair)
+
+
+def generate_waves_together(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
+    """Generate waves of the two readings that a finding depends on, at the rotation of the one joint
+    that it turns. None for any other finding."""
+    places = list(found.names_by_place())
+    if len(places) == 1:
+        yield from generate_waves_of(problem, places[0], found.names())
+
+
+def generate_waves_of(
+    problem: Problem, place: Place, drivers: Collection[str]
+) -> Iterator[Mechanism]:
+    """Generate waves of two readings at a place; none but for two turning joints' readings at the
+    rotation of a joint."""
+    joint, axis = place
+    turning = list_turning(problem.robot)
+    pair = [j for j in turning if f"q{j}" in drivers]
+    if axis == "rz" and joint in turning and len(pair) == len(drivers) == 2:
+        yield from _build_waves(joint, pair)
+
+
+def _build_waves(joint: int, pair: Sequence[int]) -> Iterator[Mechanism]:
+    a, b = pair
+    for first, second in COUNTS:
+        own, other = _multiply(first, q(a)), _multiply(abs(second), q(b))
+        angle = own + other if second > 0 else own - other
+        yield build_cell(
+            place=(joint, "rz"),
+            causes=(sin(angle), cos(angle)),
+            sentence=f"Joint {joint} turns unevenly, with the readings of joints {a} and {b} together",
+        )
 
 
 def _multiply(count: int, reading: Named) -> Cause:

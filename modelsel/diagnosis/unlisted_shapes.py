@@ -33,6 +33,7 @@ from .free_functions import (
     generate_shapes,
 )
 from .joint_bumps import generate_bumps, generate_finer_bumps
+from .pair_waves import generate_waves_of, generate_waves_together
 from .signatures import leave_out_sides
 from .simple_shapes import generate_products, generate_pulls, generate_saws, generate_soft_lags
 from .time_waves import generate_finer_time_waves
@@ -49,6 +50,7 @@ SIMPLE = {
     generate_saws: CandidateKind.SAW,
     generate_pulls: CandidateKind.PULL,
     generate_powers: CandidateKind.POWER,
+    generate_waves_together: CandidateKind.WAVE,
 }
 # kinds of waves, whose number may lie between those that are looked for
 OF_ANY_NUMBER = (CandidateKind.JOINT_WAVE, CandidateKind.SLIDE_WAVE, CandidateKind.TIME_WAVE)
@@ -143,8 +145,10 @@ def _list_shapes(
     powers = dict.fromkeys(power for m in mechanisms for power in generate_powers(problem, m))
     changing = [one for m in mechanisms for one in generate_changing(problem, m)]
     free += [one for one in changing if one.names() == drivers]
+    waves = generate_waves_of(problem, place, drivers)
     shapes = [(m, CandidateKind.SHAPE) for m in free]
-    return shapes + [(m, CandidateKind.POWER) for m in powers if m not in mechanisms]
+    shapes += [(m, CandidateKind.POWER) for m in powers if m not in mechanisms]
+    return shapes + [(m, CandidateKind.WAVE) for m in waves if m not in mechanisms]
 
 
 class Price(NamedTuple):

@@ -1,4 +1,5 @@
-"""Waves of two joints' readings together are found where a joint would else be said not to repeat."""
+"""Waves of two joints' readings together are found where a joint would else be said not to repeat, and
+stand against findings that depend on two readings."""
 
 from __future__ import annotations
 
@@ -8,10 +9,14 @@ from builders import drawn, measured, seeds
 from searches import search_separated
 
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import build_candidates
+from modelsel.diagnosis.candidates import Candidate, build_candidates
 from modelsel.diagnosis.pair_waves import COUNTS, generate_pair_waves, list_pair_waves
+from modelsel.diagnosis.unlisted_shapes import list_company, list_rivals
+from modelsel.diagnosis.unregistered import build_cell
 from modelsel.fitting.design import Model
+from modelsel.mechanisms.causes import Named, cos, q, sin
 from modelsel.mechanisms.registry import every, mechanism
+from modelsel.mechanisms.terms import Mechanism
 from modelsel.robot.kinematics import forward
 
 SIGMA = 0.03
@@ -36,6 +41,32 @@ def test_waves_of_two_readings_are_offered_at_a_joint(rng: np.random.Generator) 
     sine, cosine = (term.screws[0].cause.of(at.state) for term in own.terms)
     assert sine == pytest.approx(np.sin(2 * q2 - 3 * q3))
     assert cosine == pytest.approx(np.cos(2 * q2 - 3 * q3))
+
+
+def keep_waves(shapes: list[Candidate]) -> set[Mechanism]:
+    return {one.mechanism for one in shapes if one.kind is CandidateKind.WAVE}
+
+
+@seeds(1)
+def test_waves_of_its_two_readings_stand_against_a_finding(rng: np.random.Generator) -> None:
+    at = drawn("puma760", rng, 30)
+    difference = q(2) - q(3)
+    own = Candidate(
+        build_cell((3, "rz"), (sin(difference), cos(difference))), CandidateKind.WAVE, 0.01
+    )
+    waves = {wave for wave in generate_pair_waves(at, 3) if wave.names() == {"q2", "q3"}}
+    assert len(waves) == len(COUNTS)
+    alike = [one.candidate for one in list_rivals(at, own) if one.agrees == "drivers"]
+    assert keep_waves(alike) == waves
+    # two findings of one reading each, too
+    second = Candidate(build_cell((3, "rz"), (q(2),)), CandidateKind.CELL, 0.01)
+    third = Candidate(build_cell((3, "rz"), (q(3) * q(3),)), CandidateKind.CELL, 0.01)
+    (together,) = list_company(at, {5: second, 7: third})
+    assert keep_waves(list(together.shapes)) == waves
+    # neither elsewhere nor of anything else
+    for place, cause in (((3, "tx"), difference), ((3, "rz"), q(2) * Named("approach3"))):
+        other = Candidate(build_cell(place, (cause,)), CandidateKind.CELL, 0.01)
+        assert not keep_waves([one.candidate for one in list_rivals(at, other)])
 
 
 @pytest.mark.slow
