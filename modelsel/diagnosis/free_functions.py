@@ -153,9 +153,14 @@ def generate_other_drivers(problem: Problem, found: Mechanism) -> Iterator[list[
 
 def generate_more_drivers(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
     """Generate free functions at a finding's places of one of its drivers times another one, or, where a
-    joint moves with the direction that it came from, of another one times this."""
+    joint moves with the direction that it came from, of another one times this; of what depends on
+    the side that a joint came from, of its last move times this."""
     parts, drivers = found.names_by_place(), found.names()
     shaped = _list_shaped(problem, drivers)
+    for j in range(1, problem.robot.n + 1):
+        side, move = f"approach{j}", f"move{j}"
+        if drivers == {side} and has_shape(problem, move):
+            yield _build(_free(problem, parts, move, (Named(side),)))
     came_from = _find_joint_with_direction(problem, parts, drivers)
     for other in _list_others(problem, drivers):
         if shaped:

@@ -12,7 +12,7 @@ from modelsel.diagnosis.changing_shapes import generate_changing
 from modelsel.diagnosis.joint_bumps import build_bump, generate_bumps, generate_finer_bumps
 from modelsel.diagnosis.simple_shapes import generate_soft_lags
 from modelsel.diagnosis.unlisted_shapes import list_company, list_rivals
-from modelsel.diagnosis.unregistered import build_warming_causes
+from modelsel.diagnosis.unregistered import build_cell, build_warming_causes
 from modelsel.mechanisms.cause_formulas import parse
 from modelsel.mechanisms.causes import ONE, Named, q
 from modelsel.mechanisms.registry import build_faults, every, mechanism
@@ -145,6 +145,30 @@ def test_a_side_says_less_than_the_last_move(
     rivals = list_rivals(at, found)
     lags = {r.agrees for r in rivals if r.candidate.kind is CandidateKind.SOFT_LAG}
     assert lags == {agrees}
+
+
+@pytest.mark.parametrize("place", [(3, "ty"), (4, "rz")])
+@seeds(1)
+def test_a_side_stands_against_any_function_of_the_last_move_there(
+    place: tuple[int, str], rng: np.random.Generator
+) -> None:
+    at = drawn("puma760", rng, 60)
+    side, move = at.state.value("approach4"), at.state.value("move4")
+    own = build_cell(place, (Named("approach4"),))
+    both = {"approach4", "move4"}
+    (free,) = [
+        r.candidate.mechanism
+        for r in list_rivals(at, Candidate(own, CandidateKind.CELL, 0.1))
+        if r.agrees == "place"
+        and r.candidate.mechanism.names() == both
+        and len(r.candidate.mechanism.terms) > 2
+    ]
+    assert set(free.names_by_place()) == {place}
+    # any smooth function of the signed move to 0.97, such as its cube
+    columns = np.array([term.screws[0].cause.of(at.state) for term in free.terms]).T
+    cube = side * (move / move.max()) ** 3
+    left = cube - columns @ np.linalg.lstsq(columns, cube, rcond=None)[0]
+    assert left @ left < 0.03 * (cube @ cube)
 
 
 @seeds(1)
