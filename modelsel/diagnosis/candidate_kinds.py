@@ -28,6 +28,7 @@ class CandidateKind(Enum):
     WOUND = "turn of a joint with its own reading, more or less with another joint's"
     PRODUCT = "turn of a joint with the product of two joints' readings"
     SOFT_LAG = "lag of a joint behind its last move that levels off"
+    DISTORTION = "smooth error of what an instrument measures"
     SHAPE = "shape that no list has, at the place of a finding or beside it"
 
 

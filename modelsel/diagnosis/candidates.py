@@ -101,6 +101,8 @@ class Candidate:
             return mechanism.name
         if self.kind is CandidateKind.FREE_FUNCTION:
             return mechanism.name.partition(" ")[0]
+        if self.kind is CandidateKind.DISTORTION:
+            return mechanism.name
         first_term = mechanism.terms[0]
         screw = first_term.screws[0]
         place = f"frame {screw.frame} {screw.axis}"

@@ -35,6 +35,8 @@ COLUMNS = {
 MOST_DRIVERS = 6
 # what all errors of an instrument say that follow from where the target is
 SEEN_WRONGLY = "The instrument measures wrongly, by an amount that depends on where the target is"
+# kinds whose coefficients say little one by one
+WITHOUT_SIZE = (CandidateKind.SHAPE, CandidateKind.DISTORTION)
 # what else a finding could be that is proven down to a level
 REST = {
     "place": "something else there",
@@ -154,7 +156,7 @@ def _list_sizes(effect: Effect) -> list[str]:
     mechanism = effect.candidate.mechanism
     causes = [term.screws[0].cause for term in mechanism.terms]
     is_plain = all(isinstance(cause, Bump) for cause in causes)
-    if effect.candidate.kind is CandidateKind.SHAPE and not is_plain:
+    if effect.candidate.kind in WITHOUT_SIZE and not is_plain:
         return []
     amount = describe_amount(mechanism.terms, effect.estimate, effect.standard_error)
     if list_likelier(effect):
@@ -338,6 +340,8 @@ def _describe_shape(effect: Effect) -> str:
     causes = candidate.causes(" and ")
     if candidate.kind is CandidateKind.FREE_FUNCTION:
         return f"{name_places(effect)} by a free function of its own angle"
+    if candidate.kind is CandidateKind.DISTORTION:
+        return f"The instrument measures wrongly, by a {candidate.label}"
     if candidate.registered and len(candidate.mechanism.names()) > MOST_DRIVERS:
         return f"{name_places(effect)} as {candidate.label} describes, but with other signs"
     return f"{name_places(effect)} with {causes}"

@@ -158,9 +158,9 @@ def generate_more_drivers(problem: Problem, found: Mechanism) -> Iterator[Mechan
     parts, drivers = found.names_by_place(), found.names()
     shaped = _list_shaped(problem, drivers)
     for j in range(1, problem.robot.n + 1):
-        side, move = f"approach{j}", f"move{j}"
-        if drivers == {side} and has_shape(problem, move):
-            yield _build(_free(problem, parts, move, (Named(side),)))
+        side, move = Named(f"approach{j}"), f"move{j}"
+        if drivers == side.names() and has_shape(problem, move):
+            yield _build(_free(problem, parts, move, (side,)))
     came_from = _find_joint_with_direction(problem, parts, drivers)
     for other in _list_others(problem, drivers):
         if shaped:

@@ -29,6 +29,7 @@ SHAPELESS = (
     CandidateKind.WAVE_PRODUCT,
     CandidateKind.FREE_FUNCTION,
     CandidateKind.WOUND,
+    CandidateKind.DISTORTION,
     CandidateKind.SHAPE,
 )
 

@@ -16,6 +16,7 @@ from itertools import combinations
 from typing import NamedTuple
 
 from ..fitting.problem import Problem
+from ..measurements.state_names import is_where_target_is
 from ..mechanisms.motors import is_joint_motion
 from ..mechanisms.terms import Mechanism
 from .candidate_kinds import CandidateKind
@@ -24,6 +25,7 @@ from .changing_shapes import generate_changing
 from .confounded_covariates import find_confounded, generate_confounded
 from .distinct_places import Place
 from .driver_functions import IN_TIME
+from .field_distortions import generate_distortions, is_seen_wrongly
 from .finer_waves import generate_finer_waves
 from .free_functions import (
     Drivers,
@@ -51,6 +53,7 @@ SIMPLE = {
     generate_pulls: CandidateKind.PULL,
     generate_powers: CandidateKind.POWER,
     generate_waves_together: CandidateKind.WAVE,
+    generate_distortions: CandidateKind.DISTORTION,
 }
 # kinds of waves, whose number may lie between those that are looked for
 OF_ANY_NUMBER = (CandidateKind.JOINT_WAVE, CandidateKind.SLIDE_WAVE, CandidateKind.TIME_WAVE)
@@ -114,6 +117,9 @@ def _build_company(
         kind = CandidateKind.JOINT_WAVE if place[1] == "rz" else CandidateKind.SLIDE_WAVE
         waves = [wave for m in mechanisms for wave in generate_finer_waves(problem, m)]
         shapes = [(wave, kind) for wave in dict.fromkeys(waves)]
+    elif all(map(is_seen_wrongly, mechanisms)):
+        fields = generate_distortions(problem, mechanisms[0])
+        shapes = [(field, CandidateKind.DISTORTION) for field in fields]
     else:
         shapes = _list_shapes(problem, mechanisms, place, drivers)
     if not shapes:
@@ -228,8 +234,15 @@ def _compare_drivers(mechanisms: Sequence[Mechanism], drivers: Drivers) -> str:
     """Say what shapes agree in with a finding of some drivers: "drivers", or "place" where they have
     others. A last move says its side, too; a side does not say how far the move was."""
     own = leave_out_sides(drivers)
-    agree = all(leave_out_sides(m.names()) == own for m in mechanisms)
+    agree = all(_is_alike(leave_out_sides(m.names()), own) for m in mechanisms)
     return "drivers" if agree else "place"
+
+
+def _is_alike(drivers: Drivers, others: Drivers) -> bool:
+    """Return whether drivers are the same, or both only say where the target is."""
+    if drivers == others:
+        return True
+    return all(is_where_target_is(name) for name in drivers | others)
 
 
 def _list_finer_waves(problem: Problem, candidate: Candidate) -> Iterator[Rival]:

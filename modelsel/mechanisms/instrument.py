@@ -8,7 +8,7 @@ from __future__ import annotations
 from itertools import combinations_with_replacement
 
 from ..robot.kinematics import Robot
-from .causes import Cause, Named, cos, sin
+from .causes import Cause, Named, Number, cos, sin
 from .environment import turn_to_frame_1
 from .terms import Mechanism, Screw, Term, terms_of
 
@@ -18,8 +18,14 @@ AZIMUTH: Cause = Named("beam_azimuth", "rad")
 ZENITH: Cause = Named("beam_zenith", "rad")
 FAR: Cause = Named("range_mm", "mm")
 MODELS = "Hughes et al. 2011 and Muralikrishnan et al. 2009, error models of laser trackers"
-# registered names, without joint, of errors of what measures, which the arm does not have
+# errors that are smooth over the volume that is measured, which are not registered: of a lens, and
+# polynomials
+RADIAL = "radial lens distortion"
+FIELDS = {2: "quadratic field distortion", 3: "cubic field distortion"}
+# names, without joint, of errors of what measures, which the arm does not have
 MISREADINGS = (
+    RADIAL,
+    *FIELDS.values(),
     "tracker-scale",
     "tracker-axes",
     "tracker-range",
@@ -50,6 +56,14 @@ def _shift(robot: Robot, direction: str, amount: Cause | None = None) -> tuple[S
             cause = amount * component
         screws.append(Screw(1, axis, cause))
     return tuple(screws)
+
+
+def shift_across_axis(robot: Robot, amount: Cause) -> tuple[Screw, ...]:
+    """Build the screws that shift all targets away from the z axis of the instrument's frame, across
+    it, by an amount [mm]."""
+    along = amount * sin(ZENITH)
+    down = amount * cos(ZENITH) * Number(-1.0)
+    return (*_shift(robot, "beam", along), *_shift(robot, "beam_rise", down))
 
 
 def _multiply(count: float, angle: Cause) -> Cause:
