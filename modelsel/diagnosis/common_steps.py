@@ -15,11 +15,11 @@ import numpy as np
 from ..fitting.problem import Problem
 from ..mechanisms.campaign_registry import TARGET_STEP
 from ..mechanisms.environment import STEPS
-from ..mechanisms.moved_targets import JOINED, find_moved_targets
+from ..mechanisms.moved_targets import find_moved_targets
 from ..mechanisms.step_moments import list_step_moments
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
-from .session_steps import build_common_steps, round_between
+from .session_steps import build_common_steps, have_own_name, list_measured_targets, round_between
 from .state import Search
 from .unlisted_shapes import Company, build_listed
 
@@ -30,20 +30,15 @@ def generate_common_steps(search: Search, chosen: Sequence[int]) -> Iterator[Com
     """Generate the pairs of chosen steps for which one step of some targets may stand, with this step
     at every moment. Steps of one target, and of all, are candidates of every search."""
     problem = search.problem
+    data = problem.data
+    every = list_measured_targets(data)
     steps = {g: search.candidates[g] for g in chosen if _is_step(search.candidates[g])}
     for (g, first), (h, second) in combinations(steps.items(), 2):
         targets = _find_common(_list_moved(problem, first), _list_moved(problem, second))
-        if 1 < len(targets) < len(problem.data.targets) and _have_own_name(problem, targets):
+        if len(targets) > 1 and targets != every and have_own_name(data, targets):
             common = _build_candidates(search, targets, (first, second))
             listed = build_listed([first, second])
             yield Company((g, h), listed, common)
-
-
-def _have_own_name(problem: Problem, targets: Targets) -> bool:
-    """Whether the names of some targets, joined, are no target's."""
-    names = problem.data.targets
-    joined = JOINED.join(names[place] for place in sorted(targets))
-    return joined not in names
 
 
 def _is_step(candidate: Candidate) -> bool:
@@ -75,7 +70,7 @@ def _build_candidates(
 ) -> tuple[Candidate, ...]:
     """Build the step of some targets that may stand for a pair of steps, at every moment. All such
     groups of targets share the prior probability of one step."""
-    count = len(search.problem.data.targets)
+    count = len(list_measured_targets(search.problem.data))
     # without none, all, and single ones
     groups = 2**count - 2 - count
     moments = _list_moments(search, targets, pair)

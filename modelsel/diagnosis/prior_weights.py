@@ -36,13 +36,15 @@ def choose_weight(name: str, weights: Mapping[str, float]) -> float:
 
 def weigh_names(mechanisms: Sequence[Mechanism], weights: Mapping[str, float]) -> dict[str, float]:
     """Weigh the names of registered mechanisms. Those that move one target of several share the
-    weight of one name among them: more reflectors make no slip likelier than any other error."""
-    stems: dict[str, str] = {}
+    weight of one name among them: more reflectors make no slip likelier than any other error. So do those
+    that move more targets than one."""
+    stems: dict[str, tuple[str, bool]] = {}
     weighed = {}
     for m in mechanisms:
         name = m.name
-        if find_moved_targets(m):
-            stems[name] = m.stem
+        moved = find_moved_targets(m)
+        if moved:
+            stems[name] = m.stem, len(moved) > 1
         weighed[name] = choose_weight(name, weights)
     sharing = Counter(stems.values())
     for name, stem in stems.items():

@@ -21,11 +21,12 @@ from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
 from ..mechanisms import environment
 from ..mechanisms.campaign_registry import TARGET_STEP
-from ..mechanisms.moved_targets import limit_to_targets
+from ..mechanisms.moved_targets import JOINED, limit_to_targets
+from ..mechanisms.step_moments import list_step_moments
 from ..mechanisms.target_names import number_targets
 from ..mechanisms.terms import Mechanism
 from ..robot.kinematics import Robot
-from .scanned_constants import drop_equal_constants
+from .scanned_constants import drop_equal_constants, has_both_sides
 
 Build = Callable[[Robot, float], Mechanism]
 STEPS: dict[str, Build] = {
@@ -75,6 +76,7 @@ def place_steps(
         if step.by_row:
             placed = _tell_rows(problem, step, placed)
     if of_targets:
+        placed = _limit_to_measured(problem.take(estimation), placed)
         placed = list(map(_tell_all_targets, placed))
     return tuple(placed)
 
@@ -133,6 +135,17 @@ def build_common_steps(
 ) -> list[Mechanism]:
     """Build steps of some targets of several (0-based), shifted alike, at some moments, each told by
     where it begins. Those between the same rows of these targets are one."""
+    built = []
+    for at in sorted(moments):
+        step = build_step_of(problem, targets, at)
+        if step is not None:
+            built.append(step)
+    return drop_equal_constants(problem, built)
+
+
+def build_step_of(problem: Problem, targets: Collection[int], at: float) -> Mechanism | None:
+    """Build a step of some targets of several (0-based), shifted alike, at a moment, told by where it
+    begins; None where all rows of these targets are on one side of it."""
     data = problem.data
     names = data.targets
     numbers = number_targets(names, data.listed_targets)
@@ -141,15 +154,68 @@ def build_common_steps(
     is_own = np.isin(data.target, places)
     own = data.take(is_own)
     meetings = _list_meetings(data)
-    built = []
-    for at in sorted(moments):
-        step = _build_target_step(moved, numbers, problem.robot, at)
-        begins = _say_begin(meetings, at, own.progress, about=True)
-        begins = begins or _say_row(own, at)
-        if begins:
-            told = _tell(step, begins)
-            built.append(told)
-    return drop_equal_constants(problem, built)
+    step = _build_target_step(moved, numbers, problem.robot, at)
+    begins = _say_begin(meetings, at, own.progress, about=True)
+    begins = begins or _say_row(own, at)
+    return _tell(step, begins) if begins else None
+
+
+def have_own_name(data: Measurements, targets: Collection[int]) -> bool:
+    """Whether the names of some targets (0-based), joined, are no target's."""
+    names = data.targets
+    joined = JOINED.join(names[place] for place in sorted(targets))
+    return len(targets) == 1 or joined not in names
+
+
+def list_measured_targets(data: Measurements) -> frozenset[int]:
+    """List the targets (0-based) that some rows measure."""
+    measured = np.unique(data.target)
+    return frozenset(measured.tolist())
+
+
+def _limit_to_measured(problem: Problem, mechanisms: Sequence[Mechanism]) -> list[Mechanism]:
+    """Limit steps of all targets to those that the rows of a problem tell of: whether a target moved
+    that was measured on one side of a step alone, or not at all, nobody knows."""
+    spans = _list_spans(problem.data)
+    known = {m.terms for m in mechanisms}
+    limited: list[Mechanism] = []
+    for m in mechanisms:
+        if m.name != TARGET_STEP:
+            limited.append(m)
+            continue
+        own = _limit_step(problem, m, spans)
+        if own is m or (own is not None and own.terms not in known):
+            limited.append(own)
+    return limited
+
+
+def _list_spans(data: Measurements) -> dict[int, tuple[float, float]]:
+    """List of every target that was measured (0-based) the progress of its first row and its last."""
+    spans = {}
+    for target in list_measured_targets(data):
+        own = data.progress[data.target == target]
+        spans[target] = float(own.min()), float(own.max())
+    return spans
+
+
+def _limit_step(
+    problem: Problem, step: Mechanism, spans: Mapping[int, tuple[float, float]]
+) -> Mechanism | None:
+    """Limit a step of all targets to those that were measured on both sides of it, if these have rows
+    enough; else to those that were measured, None where these have rows on one side alone."""
+    data = problem.data
+    count = len(data.targets)
+    (at,) = list_step_moments(step.terms)
+    both = [target for target, (first, last) in spans.items() if first < at < last]
+    if len(both) == count:
+        return step
+    if both and have_own_name(data, both):
+        limited = build_step_of(problem, both, at)
+        if limited is not None and has_both_sides(problem, limited):
+            return limited
+    if len(spans) == count or not have_own_name(data, spans):
+        return step
+    return build_step_of(problem, spans, at)
 
 
 def _say_row(data: Measurements, at: float) -> str:

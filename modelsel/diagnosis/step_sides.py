@@ -7,7 +7,7 @@ What was measured at the held-out rows is not looked at: what is said of them st
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,12 +25,16 @@ from .session_steps import name_steps
 class OpenSide:
     """The held-out `rows` (m,) whose side of a step is not known.
 
-    `step`: the step's name; `before`, `after`: the indices of the estimation rows around them."""
+    `step`: the step's name; `before`, `after`: the indices of the estimation rows around it, between
+    which they lie; or else they are of the `target` (0-based) of which no estimation row tells whether it
+    moved, and `later`, or not, than that."""
 
     step: str
     rows: Mask
     before: int
     after: int
+    target: int | None = None
+    later: bool = True
 
 
 def find_open_sides(
@@ -40,7 +44,8 @@ def find_open_sides(
 
     `used` (m,): the rows that it was fitted to. Where more than one moment of a step is likely, as the
     credible sets of `effects` tell, the rows between these are open, too. So are rows around where
-    sessions meet: the instrument, a joint or a target may have moved a few rows from there."""
+    sessions meet: the instrument, a joint or a target may have moved a few rows from there. Where every
+    target moved that was fitted on both sides of a step, the others may have, too."""
     steps = name_steps(problem)
     found = []
     for mechanism in mechanisms:
@@ -49,9 +54,16 @@ def find_open_sides(
             continue
         moments = _list_moments(mechanism, effects)
         moved = _find_moved(problem, mechanism)
-        side = _find_open(problem, used, moved, mechanism.name, moments)
-        if side is not None:
-            found.append(side)
+        around = _find_around(problem, used & moved, moments)
+        if around is None:
+            continue
+        sides = [_find_between(problem, moved, mechanism.name, around)]
+        if is_of_targets:
+            sides += _find_untold(problem, used, moved, mechanism.name, around)
+        for side in sides:
+            rows = side.rows & ~used
+            if rows.any():
+                found.append(replace(side, rows=rows))
     return tuple(found)
 
 
@@ -77,23 +89,51 @@ def _list_moments(mechanism: Mechanism, effects: Sequence[Effect]) -> list[float
     return sorted(list_step_moments(terms))
 
 
-def _find_open(
-    problem: Problem, used: Mask, moved: Mask, step: str, moments: Sequence[float]
-) -> OpenSide | None:
-    """Find the rows between the estimation rows around a step's moments, of the rows that it moves;
-    None where there are none."""
+def _find_around(problem: Problem, used: Mask, moments: Sequence[float]) -> tuple[int, int] | None:
+    """Find the last of the used rows (m,) before a step's moments and the first after them; None where
+    there are none."""
     progress = problem.data.progress
-    earlier = np.flatnonzero(used & moved & (progress < moments[0]))
-    later = np.flatnonzero(used & moved & (progress > moments[-1]))
+    earlier = np.flatnonzero(used & (progress < moments[0]))
+    later = np.flatnonzero(used & (progress > moments[-1]))
     if not (earlier.size and later.size):
         return None
     last = earlier[progress[earlier].argmax()]
     first = later[progress[later].argmin()]
+    return int(last), int(first)
+
+
+def _find_between(problem: Problem, moved: Mask, step: str, around: tuple[int, int]) -> OpenSide:
+    """Find the rows between the two around a step, of the rows (m,) that it moves."""
+    progress = problem.data.progress
+    last, first = around
     between = (progress[last] < progress) & (progress < progress[first])
-    rows = between & moved & ~used
-    if not rows.any():
-        return None
-    return OpenSide(step, rows, int(last), int(first))
+    return OpenSide(step, between & moved, last, first)
+
+
+def _find_untold(
+    problem: Problem, used: Mask, moved: Mask, step: str, around: tuple[int, int]
+) -> list[OpenSide]:
+    """Find the rows of targets of which the used rows (m,) do not tell whether they moved, as these are
+    on one side of a step alone, or there are none; none where another target stood still."""
+    data = problem.data
+    last, first = around
+    is_before = data.progress <= data.progress[last]
+    is_after = data.progress >= data.progress[first]
+    before = set(data.target[used & is_before].tolist())
+    after = set(data.target[used & is_after].tolist())
+    both = before & after
+    if not both <= set(data.target[moved].tolist()):
+        return []
+    sides = []
+    for target in range(len(data.targets)):
+        if target in both:
+            continue
+        own = data.target == target
+        later = target not in after
+        beyond = ~is_before if later else ~is_after
+        side = OpenSide(step, own & beyond, last, first, target, later)
+        sides.append(side)
+    return sides
 
 
 def mark_open(sides: Sequence[OpenSide], held_out: Mask) -> Mask:

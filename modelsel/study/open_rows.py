@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from ..diagnosis.effects import Effect
 from ..diagnosis.step_sides import OpenSide, find_open_sides, mark_open
-from ..exceptions import count_words
+from ..exceptions import count_words, one_line
 from ..notices import STEP_SIDE_OPEN, Note
 from ..selection.evaluation import Evaluation, Split
 
@@ -34,7 +34,8 @@ def exclude_open_rows(
 
 
 def _tell(split: Split, side: OpenSide, stay: bool) -> Note:
-    """Tell how many rows are on an unknown side of which step, between which rows."""
+    """Tell how many rows are on an unknown side of which step, between which rows; or of which target
+    it is not known whether it moved."""
     data = split.problem.data
     listed = data.row[side.rows & ~split.estimation]
     count = len(listed)
@@ -44,6 +45,12 @@ def _tell(split: Split, side: OpenSide, stay: bool) -> Note:
     lie, were, are = ("lies", "it was", "it is") if count == 1 else ("lie", "they were", "they are")
     place = f"{rows_lie} {lie} between {before} and {after}, as the step {side.step} does"
     question = f"whether {were} measured before or after it, the estimation rows cannot tell"
+    if side.target is not None:
+        name = one_line(data.targets[side.target])
+        of, was = f"{rows_lie} of target {name}", "was" if count == 1 else "were"
+        when = f"after {before}" if side.later else f"before {after}"
+        place = f"{of} {was} measured {when}, near which the step {side.step} lies"
+        question = f"whether target {name} moved, too, the estimation rows cannot tell"
     result = f"{are} left out of the held-out errors"
     if stay:
         result = "as no other row is held out, the held-out errors may be too large"

@@ -92,6 +92,47 @@ def test_a_step_of_one_target_leaves_rows_of_others_where_they_are(
     assert (side.before, side.after) == (55, 63)
 
 
+def three_targets(rng: np.random.Generator) -> tuple[Problem, np.ndarray]:
+    """Three targets in turn, with a row every hundredth of the campaign, and whose row each is."""
+    q = ROBOT.draw(rng, 101)
+    number = np.arange(101) % 3
+    names = np.array(["A", "B", "C"])[number]
+    position = forward(ROBOT, q, np.array(OFF_AXIS))
+    return bind(ROBOT, build_measurements(q, position, target=names)), number
+
+
+@pytest.mark.parametrize(
+    ("fitted", "opened", "later"),
+    [
+        (np.zeros(101, bool), 59, True),
+        (np.arange(101) < 40, 59, True),
+        (np.arange(101) > 80, -62, False),
+    ],
+)
+def test_a_target_that_was_not_fitted_on_both_sides_is_open(
+    fitted: np.ndarray, opened: int, later: bool, rng: np.random.Generator
+) -> None:
+    """Two slipped at 0.605; what the third did from there on, or up to there, no fitted row tells."""
+    at, number = three_targets(rng)
+    is_third = number == 2
+    used = ~is_third | fitted
+    step = limit_to_targets(target_step(ROBOT, 0.605), {0: "A", 1: "B"})
+    (side,) = find_open_sides(at, used, [step], likely(step))
+    row = np.arange(101)
+    beyond = row > opened if later else row < -opened
+    np.testing.assert_array_equal(side.rows, is_third & ~used & beyond)
+    assert (side.target, side.later) == (2, later)
+    whole = target_step(ROBOT, 0.605)
+    sides = find_open_sides(at, used, [whole], likely(whole))
+    assert 2 in [one.target for one in sides]
+
+
+def test_a_target_stands_where_it_stood_if_another_one_did(rng: np.random.Generator) -> None:
+    at, number = three_targets(rng)
+    step = limit_to_targets(target_step(ROBOT, 0.605), {0: "A"})
+    assert not find_open_sides(at, number < 2, [step], likely(step))
+
+
 def test_none_is_open_where_no_row_lies_between(rng: np.random.Generator) -> None:
     at = campaign([0] * 101, rng)
     step = tracker_bumped(ROBOT, 0.605)

@@ -21,6 +21,7 @@ from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.campaign_registry import set_targets
 from modelsel.mechanisms.geometry import build_setup
 from modelsel.mechanisms.registry import BUILTIN, build_faults, every, mechanism
+from modelsel.mechanisms.step_moments import list_step_moments
 from modelsel.mechanisms.terms import Mechanism
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import Robot
@@ -254,6 +255,33 @@ def test_a_step_needs_rows_of_its_target_on_both_sides(rng: Rng) -> None:
         assert not values[~is_own].any()
 
 
+def list_steps_of_targets(at: Problem, estimation: np.ndarray) -> set[str]:
+    """The names of the steps of targets that are placed by some rows."""
+    placed = place_steps(at, estimation, offer(at))
+    return {m.name for m in placed if m.stem == "target-step"}
+
+
+@pytest.mark.unit
+def test_a_step_of_all_targets_is_one_of_those_that_were_fitted(rng: Rng) -> None:
+    """With the third only held out, all of them were told to stand elsewhere."""
+    at, _, _ = draw_campaign(rng, [])
+    alone = {f"target-step:{name}" for name in "ABC"}
+    third = at.data.target == 2
+    assert list_steps_of_targets(at, ~third) == alone | {"target-step:A & B"}
+    assert list_steps_of_targets(at, at.data.target == 0) == alone
+    # measured in the first half alone
+    early = ~third | (at.data.progress < 0.5)
+    placed = place_steps(at, early, offer(at))
+    both = [m for m in placed if m.name == "target-step:A & B"]
+    every = [m for m in placed if m.name == "target-step"]
+    moments = [min(list_step_moments(m.terms)) for m in both]
+    assert 0.45 < min(moments) < 0.52
+    others = [min(list_step_moments(m.terms)) for m in every]
+    assert not [at for at in others if min(moments) <= at <= max(moments)]
+    assert all(m.sentence.startswith("Targets A and B stand elsewhere") for m in both)
+    assert " from about row " in both[0].sentence
+
+
 @pytest.mark.unit
 def test_one_target_has_the_candidates_that_it_had(rng: Rng) -> None:
     at, _, _ = draw_campaign(rng, [], count=1)
@@ -269,4 +297,9 @@ def test_targets_share_the_prior_of_one_name(rng: Rng) -> None:
     found = build_candidates(at, base, placed, cells=False)
     alone = [c.prior for c in found if c.label.startswith("target-step:")]
     together = [c.prior for c in found if c.label == "target-step"]
+    assert sum(alone) == pytest.approx(sum(together))
+    placed = place_steps(at, at.data.target < 2, offer(at))
+    found = build_candidates(at.take(at.data.target < 2), base, placed, cells=False)
+    alone = [c.prior for c in found if c.label in ("target-step:A", "target-step:B")]
+    together = [c.prior for c in found if c.label == "target-step:A & B"]
     assert sum(alone) == pytest.approx(sum(together))

@@ -76,3 +76,46 @@ def test_nothing_is_told_where_the_step_has_its_place(rng: np.random.Generator) 
     result, told = run([*range(5, 45, 4), *range(60, 90, 4)], rng)
     assert "step" in result.record.chosen.mechanisms[-1]
     assert told == []
+
+
+TOOLS = {"A": [40.0, -30.0, 110.0], "B": [40.0, 60.0, 90.0], "C": [-50.0, 10.0, 120.0]}
+
+
+@pytest.mark.integration
+def test_a_target_that_was_only_held_out_is_open_after_all_others_slipped(
+    rng: np.random.Generator,
+) -> None:
+    """It stood still, and all targets were told to stand elsewhere: held-out errors of 0.5 mm."""
+    q = ROBOT.draw(rng, ROWS)
+    flange = flanges_of(ROBOT, q)
+    is_third = np.arange(ROWS) % 4 == 0
+    frames = []
+    for name, tool in TOOLS.items():
+        frame = pd.DataFrame({f"q{k + 1}_rad": q[:, k] for k in range(ROBOT.n)})
+        slip = np.outer(np.arange(ROWS) >= FIRST, [0.3, -0.4, 0.0] if name != "C" else [0, 0, 0])
+        position = flange[:, :3, 3] + np.einsum("mij,mj->mi", flange[:, :3, :3], tool + slip)
+        frame[["x_mm", "y_mm", "z_mm"]] = position + rng.normal(0, NOISE, position.shape)
+        frame["target"] = name
+        frame["order"] = range(ROWS)
+        frames.append(frame[is_third == (name == "C")])
+    table = pd.concat(frames).sort_values("order", kind="stable")
+    table["role"] = np.where(table["order"] % 5 == 0, "held-out", "estimation")
+    table.loc[table["target"] == "C", "role"] = "held-out"
+    table = table.drop(columns="order").reset_index(drop=True)
+    study = Study(
+        name="slipped",
+        robot={"name": "puma760", "tools_mm": TOOLS, "register": False},
+        measurements=table,
+        split={"column": "role"},
+        model={"candidates": ["target-step"]},
+    )
+    result = run_study(study, sampling=False)
+    record = result.record
+    assert record.chosen.mechanisms[-1] == "target-step:A & B"
+    told = [one.sentence for one in record.warnings if one.code == STEP_SIDE_OPEN]
+    own = [one for one in told if "target C moved, too" in one]
+    assert len(own) == 1
+    later = ((table["target"] == "C") & (table.index > 0)).to_numpy()
+    opened = result.residuals()["side_open"].to_numpy()
+    assert 8 <= (opened & later).sum() <= 12
+    assert record.ladder[-1].held_out.max_mm < 8 * NOISE
