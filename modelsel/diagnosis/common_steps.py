@@ -32,20 +32,23 @@ def generate_common_steps(search: Search, chosen: Sequence[int]) -> Iterator[Com
     problem = search.problem
     data = problem.data
     every = list_measured_targets(data)
-    steps = {g: search.candidates[g] for g in chosen if _is_step(search.candidates[g])}
+    steps = {g: search.candidates[g] for g in chosen if is_target_step(search.candidates[g])}
     for (g, first), (h, second) in combinations(steps.items(), 2):
-        targets = _find_common(_list_moved(problem, first), _list_moved(problem, second))
+        targets = _find_common(
+            list_moved_targets(problem, first), list_moved_targets(problem, second)
+        )
         if len(targets) > 1 and targets != every and have_own_name(data, targets):
             common = _build_candidates(search, targets, (first, second))
             listed = build_listed([first, second])
             yield Company((g, h), listed, common)
 
 
-def _is_step(candidate: Candidate) -> bool:
+def is_target_step(candidate: Candidate) -> bool:
+    """Return whether a candidate is a registered step of targets."""
     return candidate.registered and candidate.mechanism.stem == TARGET_STEP
 
 
-def _list_moved(problem: Problem, step: Candidate) -> Targets:
+def list_moved_targets(problem: Problem, step: Candidate) -> Targets:
     """List the targets that a step moves."""
     moved = find_moved_targets(step.mechanism)
     numbers = [target.index for target in moved]
@@ -86,8 +89,8 @@ def _list_moments(search: Search, targets: Targets, pair: Sequence[Candidate]) -
     around those of a pair: what no scanned moment parts, the targets together may."""
     data = search.problem.data
     moments: set[float] = set()
-    for step in filter(_is_step, search.candidates):
-        if _list_moved(search.problem, step) <= targets:
+    for step in filter(is_target_step, search.candidates):
+        if list_moved_targets(search.problem, step) <= targets:
             moments |= list_step_moments(step.mechanism.terms)
     found = list_step_moments(term for step in pair for term in step.mechanism.terms)
     earlier = [at for at in STEPS if at < min(found)]

@@ -26,6 +26,7 @@ from .renaming import holds_name, settle_names
 from .reshaping import take_shapes
 from .signatures import SHAPELESS, read_parts
 from .state import LEVEL, Search, extend_model
+from .steps_apart import tell_steps_apart
 from .stepwise import Exploration, Remainder, explore_further
 from .sure_drivers import find_sure
 from .views import View
@@ -112,12 +113,13 @@ def prove(concluded: Conclusion) -> Diagnosis:
         concluded = further
         weighed = _weigh(concluded)
     search = concluded.explored.search
-    return replace(
+    claimed = replace(
         concluded.diagnosis,
         effects=_claim(concluded, weighed),
-        map_p=search.compute_map_p(concluded.view),
         models=concluded.weighed.tell(search.candidates, concluded.chosen),
     )
+    search, told = tell_steps_apart(search, claimed)
+    return replace(told, map_p=search.compute_map_p(concluded.view))
 
 
 def _settle(concluded: Conclusion) -> Conclusion:

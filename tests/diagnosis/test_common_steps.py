@@ -7,13 +7,25 @@ import re
 import numpy as np
 import pytest
 from builders import seeds
-from test_target_steps import NAMES, Rng, bind_targets, draw_campaign, explain, slip_each
+from hidden_arm import arm
+from test_target_steps import (
+    NAMES,
+    TOOLS,
+    Rng,
+    bind_targets,
+    draw_campaign,
+    draw_slip,
+    explain,
+    measure,
+    slip_each,
+)
 
 from modelsel.diagnosis.claim_sentences import describe_proven
 from modelsel.diagnosis.scanned_constants import has_both_sides
 from modelsel.diagnosis.sentences import label_effect
 from modelsel.diagnosis.session_steps import build_common_steps
 from modelsel.diagnosis.step_sides import find_open_sides
+from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.environment import target_step
 from modelsel.mechanisms.moved_targets import limit_to_targets
@@ -51,6 +63,40 @@ def test_two_of_five_that_slip_alike_are_told_together(rng: Rng) -> None:
 def test_two_that_slip_otherwise_at_one_moment_are_told_each(rng: Rng) -> None:
     effects = explain(slip_each(rng, {0: 40, 2: 40}))
     assert {label_effect(effect) for effect in effects} == {"target-step:A", "target-step:C"}
+
+
+def slip_otherwise(rng: Rng, at_once: bool) -> tuple[Problem, np.ndarray, np.ndarray]:
+    """Three targets of which the first and the third slip alike, and the second otherwise with them; or
+    all alike, and the second once more. The slip of all but the second, and that of the second."""
+    robot = load_robot("irb120")
+    body = arm(robot, rng)
+    q = body.draw(rng, 80, 2.6)
+    alike, other = draw_slip(rng), draw_slip(rng)
+    shifts = np.zeros((80, 3, 3))
+    shifts[40:] = alike
+    shifts[40 if at_once else 60 :, 1] = other
+    return bind_targets(robot, q, measure(body, q, TOOLS[:3], shifts, rng)), alike, other
+
+
+@pytest.mark.slow
+@seeds(1, 2, 3)
+def test_targets_that_slip_at_once_but_not_alike_are_told_each_by_its_move(rng: Rng) -> None:
+    """All were told to stand elsewhere by what two of them moved, and the third by the difference."""
+    at, alike, other = slip_otherwise(rng, at_once=True)
+    effects = {label_effect(effect): effect for effect in explain(at)}
+    assert effects.keys() == {"target-step:A & C", "target-step:B"}
+    for name, slip in (("A & C", alike), ("B", other)):
+        effect = effects[f"target-step:{name}"]
+        assert np.abs(effect.estimate - slip).max() < 5 * effect.standard_error.max()
+        assert effect.claim.probability > 0.9
+        assert effect.named.entries[0].candidate.label == f"target-step:{name}"
+
+
+@pytest.mark.slow
+@seeds(1, 2)
+def test_one_that_slips_once_more_is_told_beside_all(rng: Rng) -> None:
+    at, _, _ = slip_otherwise(rng, at_once=False)
+    assert {label_effect(effect) for effect in explain(at)} == {"target-step", "target-step:B"}
 
 
 @pytest.mark.unit
