@@ -35,6 +35,7 @@ from ..mechanisms.terms import Mechanism
 from ..selection.evaluation import Errors, Split, summarise_errors
 from ..selection.splits import assign_folds
 from .candidates import Candidate
+from .chosen_moments import choose_step_moments, list_scanned_steps
 from .options import DEFAULT_OPTIONS, DiagnosisOptions
 from .outcome import Diagnosis
 from .outlier_rounds import alternate, judge_rows
@@ -84,11 +85,11 @@ def diagnose(  # noqa: PLR0913  all but the first have defaults
         used = check_rows("estimation", estimation, rows)
     split = Split(problem, used, np.zeros(rows, bool), np.zeros(rows, np.intp), known_sigma=False)
     registry = set_targets(registry, problem.data.targets, problem.data.listed_targets)
-    mechanisms = [mechanism(name, problem.robot, registry) for name in base_names]
+    mechanisms = _build_base(problem, used, base_names, registry)
     with follow(None, progress) as say:
         _, diagnosis, _ = diagnose_split(
             split,
-            base=Model(tuple(mechanisms)),
+            base=Model(mechanisms),
             everything=_resolve_candidates(problem, candidates, registry),
             seed=seed,
             cells=_takes_all(candidates),
@@ -96,6 +97,23 @@ def diagnose(  # noqa: PLR0913  all but the first have defaults
             options=options,
         )
     return diagnosis
+
+
+def _build_base(
+    problem: Problem, used: Mask, names: Sequence[str], registry: Registry
+) -> tuple[Mechanism, ...]:
+    """Build the mechanisms of a base; of steps without a moment at that which fits the `used` rows
+    best."""
+    robot = problem.robot
+    listed = {name: list_scanned_steps(name, robot, registry) for name in names}
+    steps = {name: every for name, every in listed.items() if every}
+    others = {name: mechanism(name, robot, registry) for name in names if name not in steps}
+    chosen: dict[str, Mechanism] = {}
+    if steps:
+        model = Model(tuple(others.values()))
+        chosen = choose_step_moments(problem, used, model, steps)
+    known = others | chosen
+    return tuple(known.get(name) or mechanism(name, robot, registry) for name in names)
 
 
 def _takes_all(candidates: Sequence[str] | str) -> bool:

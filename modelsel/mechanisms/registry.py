@@ -6,7 +6,7 @@ entries (`with_plugins`)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -312,7 +312,11 @@ def mechanism(name: str, robot: Robot | str, registry: Registry = BUILTIN) -> Me
         first.setdefault(built.name, built)
     if not first:
         raise StudyError(f'"{name}" does not apply to {robot.name}.')
-    each = tuple(first.values())
+    return join_mechanisms(name, tuple(first.values()))
+
+
+def join_mechanisms(name: str, each: Sequence[Mechanism]) -> Mechanism:
+    """Join the mechanisms that a name stands for."""
     if len(each) == 1:
         return each[0]
     return Mechanism(

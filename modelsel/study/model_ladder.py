@@ -8,6 +8,7 @@ from dataclasses import replace
 from .._typing import Array
 from ..config.study_file import Study
 from ..diagnosis.candidates import Candidate
+from ..diagnosis.chosen_moments import choose_step_moments, list_scanned_steps
 from ..diagnosis.outcome import Diagnosis
 from ..diagnosis.state import extend_model
 from ..diagnosis.unexplained import is_subsampled
@@ -94,18 +95,51 @@ def build_nominal(study: Study, problem: Problem, registry: Registry) -> Model:
     return Model(tuple(mechanisms))
 
 
-def build_base(study: Study, problem: Problem, registry: Registry) -> Model:
+def build_base(study: Study, split: Split, registry: Registry) -> Model:
     """Return the model that the study extends. Raises StudyError where the data lack what it, or a
     model of the study's ladder, depends on: nothing was computed by then."""
+    problem = split.problem
     for names in study.model.ladder:
         build_model(study, problem, registry, names)
-    return build_model(study, problem, registry, study.model.base)
+    base = study.model.base
+    moments = choose_moments(study, split, registry, base)
+    return build_model(study, problem, registry, base, moments)
+
+
+def choose_moments(
+    study: Study,
+    split: Split,
+    registry: Registry,
+    names: Sequence[str],
+    constants: Mapping[str, Mechanism] | None = None,
+) -> dict[str, Mechanism]:
+    """Choose the moments of the steps of a model that are named without one: those that fit the
+    estimation rows best. `constants`: the mechanisms of names that are chosen already, which come
+    back, too. Raises StudyError where no estimation row measures a target of theirs."""
+    problem = split.problem
+    refuse_unseen(names, problem, registry)
+    data = problem.data
+    registry = set_targets(registry, data.targets, data.listed_targets)
+    known = dict(constants or {})
+    own = build_own_mechanisms(study, problem)
+    steps = {}
+    for name in names:
+        if name not in known and name not in own:
+            listed = list_scanned_steps(name, problem.robot, registry)
+            if listed:
+                steps[name] = listed
+    if not steps:
+        return known
+    rest = [name for name in names if name not in steps]
+    others = build_model(study, problem, registry, rest, known)
+    chosen = choose_step_moments(problem.as_stated(), split.estimation, others, steps)
+    return known | chosen
 
 
 def rehearse_base(study: Study, split: Split, notes: Sequence[Note], registry: Registry) -> Model:
     """Return the model that the study extends, which its rows carry. Raises StudyError or
     NotEstimable as the study's first fit does; `notes` are those of the preparation."""
-    base = build_base(study, split.problem, registry)
+    base = build_base(study, split, registry)
     training = split.training
     # every row has one coordinate or more: where they are many, there are enough
     if len(training) <= len(base.terms):
@@ -188,7 +222,8 @@ def evaluate_ladder(
         if tuple(names) == base.names:
             ladder.append(base)
             continue
-        model = build_model(study, problem, registry, names, constants)
+        known = choose_moments(study, split, registry, names, constants)
+        model = build_model(study, problem, registry, names, known)
         step = evaluate(split, model, names)
         ladder.append(step)
 

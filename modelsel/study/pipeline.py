@@ -66,6 +66,7 @@ from .model_ladder import (
     build_base,
     build_model,
     choose_constants,
+    choose_moments,
     evaluate_effects,
     evaluate_ladder,
     remeasure,
@@ -135,7 +136,7 @@ def _analyse_prepared(
     """
     # targets that no estimation row measures have been left out
     registry = set_targets(registry, split.problem.data.targets, split.problem.data.listed_targets)
-    base = build_base(study, split.problem, registry)
+    base = build_base(study, split, registry)
     unseen = find_unseen_steps(study.model.candidates, split.problem, registry)
     mechanisms = list_candidates(study, split.problem.robot, registry, unseen)
     untested = find_untested(study.model.candidates, split.problem, mechanisms, unseen)
@@ -364,10 +365,12 @@ def sample_posterior(
     say(SAMPLING)
     study, split = result.study, result.split
     stated = study.noise.floor_mm is not None and split.known_sigma
+    base = study.model.base
+    moments = choose_moments(study, split, registry, base)
     log_posterior = build_log_posterior(
         split,
         result.models.chosen.fit,
-        build_model(study, split.problem, registry, study.model.base),
+        build_model(study, split.problem, registry, base, moments),
         registry,
         over=study.sampling.over,
         instrument=None if stated else read_instrument(study.noise),

@@ -1,0 +1,68 @@
+"""Steps of a base that have no moment stand where they fit best, whatever steps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hidden_arm import arm
+from test_target_steps import TOOLS, Rng, bind_targets, draw_slip, measure
+
+from modelsel.diagnosis.chosen_moments import choose_step_moments, list_scanned_steps
+from modelsel.fitting.design import Model
+from modelsel.fitting.problem import Problem
+from modelsel.mechanisms.campaign_registry import set_targets
+from modelsel.mechanisms.geometry import build_setup
+from modelsel.mechanisms.registry import BUILTIN, mechanism
+from modelsel.mechanisms.step_moments import list_step_moments
+from modelsel.mechanisms.terms import Mechanism
+from modelsel.robot.files import load_robot
+
+pytestmark = pytest.mark.unit
+
+ROBOT = load_robot("irb120")
+REGISTRY = set_targets(BUILTIN, ("A", "B", "C"))
+
+
+def draw_steps(rng: Rng) -> Problem:
+    """Of 60 configurations the first and the third target slip alike at the 40th, the second one at the
+    20th; the zero of joint 3 steps at the 30th."""
+    body = arm(ROBOT, rng)
+    q = body.draw(rng, 60, 2.6)
+    shifts = np.zeros((60, 3, 3))
+    shifts[40:, [0, 2]] = draw_slip(rng)
+    shifts[20:, 1] = draw_slip(rng)
+    zeros = 2e-3 * (np.arange(60) >= 30)
+    return bind_targets(ROBOT, q, measure(body, q, TOOLS[:3], shifts, rng, zeros))
+
+
+def choose(at: Problem, *names: str) -> dict[str, Mechanism]:
+    offsets = build_setup(ROBOT, 3, 1, register=False, orientation=False)
+    others = Model((offsets, mechanism("geometric", ROBOT)))
+    steps = {name: list_scanned_steps(name, ROBOT, REGISTRY) for name in names}
+    return choose_step_moments(at, np.ones(len(at), bool), others, steps)
+
+
+def test_every_kind_of_step_is_placed_where_it_fits_best(rng: Rng) -> None:
+    """Each stood at the first moment that is scanned, 0.5 % of the campaign."""
+    at = draw_steps(rng)
+    names = ("target-step:A & C", "zero-step:3", "target-step:B")
+    chosen = choose(at, *names)
+    rows = (40, 30, 20)
+    for name, row in zip(names, rows, strict=True):
+        (moment,) = list_step_moments(chosen[name].terms)
+        assert chosen[name].name == name
+        assert abs(moment - (row - 0.5) / 59) < 0.03
+
+
+def test_a_name_of_several_steps_has_each_at_its_moment(rng: Rng) -> None:
+    at = draw_steps(rng)
+    chosen = choose(at, "zero-step")["zero-step"]
+    assert len(chosen.terms) == 6
+    (third,) = [term for term in chosen.terms if term.symbol == "z3"]
+    (moment,) = list_step_moments([third])
+    assert abs(moment - 29.5 / 59) < 0.03
+
+
+@pytest.mark.parametrize("name", ["target-step:B:0.5", "zero-step:3:0.5", "geometric", "gear-ripple:4"])
+def test_what_has_its_moment_or_is_no_step_is_not_placed(name: str) -> None:
+    assert not list_scanned_steps(name, ROBOT, REGISTRY)
