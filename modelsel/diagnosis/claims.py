@@ -25,6 +25,7 @@ from .contenders import Contenders, gather_contenders
 from .distinct_places import Place, find_alike
 from .effects import Claim, find_level
 from .evidence import MIN_LOG_ODDS, compute_factors, sum_evidence
+from .joined_warm_ups import generate_joined_warm_ups
 from .mechanism_families import weigh_families
 from .sentences import has_contrary_signs
 from .sign_constraints import find_contrary_terms
@@ -73,7 +74,7 @@ def weigh_claims(search: Search, view: View, chosen: Sequence[int]) -> Weighed:
     rivals = {g: list_rivals_beside(search, view, g) for g in chosen}
     company = list_company(search.problem, {g: _price_together(search, g) for g in chosen})
     common = list(generate_common_steps(search, chosen))
-    company += common
+    company += [*common, *generate_joined_warm_ups(search, view, chosen)]
     contenders = _gather_all(search, view, rivals.values(), company)
     for g in chosen:
         levels[g], drivers[g], shape = weigh_alone(search, g, rivals[g], contenders)

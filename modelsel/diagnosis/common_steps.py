@@ -12,18 +12,14 @@ from itertools import combinations, pairwise
 
 import numpy as np
 
-from ..fitting.problem import Problem
-from ..mechanisms.campaign_registry import TARGET_STEP
 from ..mechanisms.environment import STEPS
-from ..mechanisms.moved_targets import find_moved_targets
 from ..mechanisms.step_moments import list_step_moments
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
+from .nested_steps import Targets, is_target_step, list_moved_targets
 from .session_steps import build_common_steps, have_own_name, list_measured_targets, round_between
 from .state import Search
 from .unlisted_shapes import Company, build_listed
-
-Targets = frozenset[int]
 
 
 def generate_common_steps(search: Search, chosen: Sequence[int]) -> Iterator[Company]:
@@ -41,22 +37,6 @@ def generate_common_steps(search: Search, chosen: Sequence[int]) -> Iterator[Com
             common = _build_candidates(search, targets, (first, second))
             listed = build_listed([first, second])
             yield Company((g, h), listed, common)
-
-
-def is_target_step(candidate: Candidate) -> bool:
-    """Return whether a candidate is a registered step of targets."""
-    return candidate.registered and candidate.mechanism.stem == TARGET_STEP
-
-
-def list_moved_targets(problem: Problem, step: Candidate) -> Targets:
-    """List the targets that a step moves."""
-    moved = find_moved_targets(step.mechanism)
-    numbers = [target.index for target in moved]
-    if numbers:
-        return frozenset(numbers)
-    count = len(problem.data.targets)
-    every = range(count)
-    return frozenset(every)
 
 
 def _find_common(first: Targets, second: Targets) -> Targets:

@@ -72,7 +72,9 @@ class Conclusion:
     @cached_property
     def weighed(self) -> VisitedModels:
         """The same, as many as claims may be weighed by."""
-        return weigh_models(self.explored.search, self.view, self.chosen)
+        search = self.explored.search
+        weighed = weigh_models(search, self.view, self.chosen)
+        return weighed.tell_apart(search.nested_steps, self.chosen)
 
 
 def conclude(explored: Exploration) -> Conclusion:
@@ -133,11 +135,16 @@ def _settle(concluded: Conclusion) -> Conclusion:
 
 def _name_again(concluded: Conclusion) -> Conclusion:
     """Name effects again where one has lost its name: it was found beside others that were dropped
-    since."""
+    since, or beside a step of some of its targets."""
     explored, chosen, view = concluded.explored, concluded.chosen, concluded.view
     search, path = explored.search, explored.progress.path
-    if all(holds_name(search, g, view) for g in chosen):
+    apart = search.nested_steps.tell_apart(chosen)
+    is_apart = set(apart) == set(chosen)
+    if is_apart and all(holds_name(search, g, view) for g in chosen):
         return concluded
+    if not is_apart:
+        view = search.try_fit(apart, view.fitted) or view
+        chosen = list(apart) if view is not concluded.view else chosen
     named, renamed_view = settle_names(search, chosen, view, None, path)
     in_order = _sort_by_size(search, named, renamed_view)
     return confirm(Conclusion(explored, in_order, renamed_view))

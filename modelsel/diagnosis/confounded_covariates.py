@@ -25,6 +25,7 @@ from ..mechanisms.terms import Mechanism, Term
 from .driver_functions import IN_TIME
 from .session_steps import list_changes, round_between
 from .unregistered import WARM_UP_SHARES, build_warm_ups, choose_clock
+from .warm_ups import WARM_UPS
 
 # share of a covariate's variance, explained by the sessions and the course of the campaign, from which
 # it is one that these may stand for: one that was drawn for every row is none
@@ -33,9 +34,6 @@ CONFOUNDED = 0.7
 MOST_TERMS, MOST_STEPS = 8, 6
 # power of the course of the campaign that a covariate may go with
 MOST_POWER = 3
-# time constants of what warms up beside a covariate, in shares of the campaign: so near one another that
-# what lies between two of them leaves less than a thousandth of its variance
-WARM_UPS = tuple(np.geomspace(0.02, 2.0, 41).tolist())
 # of the largest, below which courses are told as alike
 SMOOTH = 1e-6
 # rows of a session, on average, from which its mean says something

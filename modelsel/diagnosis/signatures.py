@@ -17,6 +17,7 @@ from .candidates import Candidate
 from .data_faults import FaultKind
 from .finer_waves import QUARTER
 from .simple_shapes import find_own_wave
+from .warm_ups import find_time_constant
 
 # what a candidate says at each level, part by part
 Parts = tuple[frozenset[Hashable], ...]
@@ -128,15 +129,16 @@ def _name_driver(name: str) -> str:
 
 
 def _read_shape(candidate: Candidate) -> Hashable:
-    """Of a registered mechanism the name, whatever its constant; of a jump and a slow wave the place
-    alone; waves of about one number are the same."""
+    """Of a registered mechanism the name, whatever its constant; of a jump, a slow wave and a warm-up the
+    place alone; waves of about one number are the same."""
     if candidate.kind in SHAPELESS:
         return None
     if candidate.kind is CandidateKind.JOINT_WAVE:
         joint, count = find_own_wave(candidate.mechanism)
         quarters = round(count / QUARTER)
         return candidate.kind, joint, quarters
-    if candidate.kind in OF_ONE_SHAPE:
+    is_warm_up = find_time_constant(candidate.mechanism) is not None
+    if candidate.kind in OF_ONE_SHAPE or is_warm_up:
         names_by_place = candidate.mechanism.names_by_place()
         return candidate.kind, frozenset(names_by_place.items())
     if candidate.but_for_sign:

@@ -28,6 +28,7 @@ from .evidence import MIN_LOG_ODDS, Chance, compute_familywise_p, draw_null
 from .joint_curves import collect_curves, find_better_curve, see_rest
 from .kept_causes import KeptCauses
 from .mechanism_families import Family, find_families
+from .nested_steps import NestedSteps
 from .options import DEFAULT_OPTIONS
 from .residual_tests import adjust_residual, compute_flip_p, draw_flips, partition_rows
 from .scan import Response, Scan
@@ -106,7 +107,14 @@ class Search:
     def offer(self, more: Sequence[Candidate]) -> Search:
         """Offer further candidates beside the others, with the same null distribution."""
         new = copy(self)
-        for known in ("families", "bumped", "numbers", "acting_parts", "signatures"):
+        for known in (
+            "families",
+            "bumped",
+            "numbers",
+            "nested_steps",
+            "acting_parts",
+            "signatures",
+        ):
             new.__dict__.pop(known, None)
         new._see(self.candidates + tuple(more), self.first.fitted, self.columns)
         return new
@@ -130,6 +138,11 @@ class Search:
     def bumped(self) -> Index:
         """The joint (G,) that every candidate lets err around one reading, 0 for none."""
         return np.array([one.bumped_joint for one in self.candidates], dtype=np.intp)
+
+    @cached_property
+    def nested_steps(self) -> NestedSteps:
+        """The steps of targets among the candidates."""
+        return NestedSteps(self.problem, self.candidates)
 
     @cached_property
     def acting_parts(self) -> tuple[Candidate, ...]:
@@ -305,12 +318,16 @@ class Search:
         """List what no name of effect g may be: what the base has, and what another effect rules
         out."""
         bumps = self._list_bumps(self.list_bumped_beside(g, view))
-        return np.concatenate([self.dead, bumps[bumps != g]])
+        same = self.nested_steps.list_other_names(g, self._list_chosen(view))
+        return np.concatenate([self.dead, bumps[bumps != g], same])
+
+    def _list_chosen(self, view: View) -> list[int]:
+        """List the candidates that are in a model."""
+        return [self.numbers[m] for m in view.model.mechanisms if m in self.numbers]
 
     def list_bumped_beside(self, g: int, view: View) -> Index:
         """List the joints that effects of a model beside candidate g let err around one reading."""
-        mechanisms = view.model.mechanisms
-        beside = [self.numbers[m] for m in mechanisms if m in self.numbers]
+        beside = self._list_chosen(view)
         joints = [self.bumped[other] for other in beside if other != g and self.bumped[other]]
         return np.array(joints, dtype=np.intp)
 

@@ -20,10 +20,10 @@ from ..fitting.shrinkage import fit_shrunk
 from ..mechanisms.environment import STEPS
 from ..mechanisms.step_moments import list_step_moments
 from .candidates import Candidate
-from .common_steps import Targets, is_target_step, list_moved_targets
 from .credible_sets import CredibleSet
 from .effects import Effect
 from .evidence import compute_single_f
+from .nested_steps import Targets, is_target_step, list_moved_targets
 from .outcome import Diagnosis
 from .session_steps import build_step_of, have_own_name
 from .state import Search, extend_model

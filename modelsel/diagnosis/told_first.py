@@ -17,6 +17,7 @@ from .._typing import Array, Index
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
 from .signatures import OF_ONE_SHAPE, read_drivers
+from .warm_ups import find_time_constant
 
 # levels that are told first: place and drivers
 FIRST_LEVELS = 2
@@ -86,7 +87,9 @@ def _differs_in_constant(own: Candidate, other: Candidate) -> bool:
     constant."""
     if not _is_one_question(own, other):
         return False
-    return own.kind in WITH_CONSTANT or other.mechanism.names() != own.mechanism.names()
+    if own.kind in WITH_CONSTANT or find_time_constant(own.mechanism) is not None:
+        return True
+    return other.mechanism.names() != own.mechanism.names()
 
 
 def _is_one_question(own: Candidate, other: Candidate) -> bool:
@@ -94,6 +97,9 @@ def _is_one_question(own: Candidate, other: Candidate) -> bool:
     if own.kind in WITH_CONSTANT:
         drivers = read_drivers(own)
         return read_drivers(other) == drivers
+    if find_time_constant(own.mechanism) is not None:
+        is_warm_up = find_time_constant(other.mechanism) is not None
+        return is_warm_up and read_drivers(other) == read_drivers(own)
     name = own.registered_name
     if name is None:
         return False

@@ -5,8 +5,8 @@ another one there, or of its own drivers at another place; or the finding's own 
 the campaign. Beforehand, unlisted shapes of given drivers at a given place are half as probable
 together as what is listed of these there: of the finding's own as the finding, whatever its constant,
 elsewhere as a cell of the error map. What changes with some further driver is a tenth as probable as
-the finding, what changes in size along the campaign a twentieth. To a wave and a bump come those with constants
-near its own, which are one question with it; to a covariate what else changed when it did."""
+the finding, what changes in size along the campaign a twentieth. To a wave, a bump and a warm-up come those with
+constants near its own, which are one question with it; to a covariate what else changed when it did."""
 
 from __future__ import annotations
 
@@ -41,6 +41,7 @@ from .simple_shapes import generate_products, generate_pulls, generate_saws, gen
 from .time_waves import generate_finer_time_waves
 from .torque_powers import generate_powers
 from .unregistered import RARE_WEIGHT
+from .warm_ups import generate_finer_warm_ups
 
 # places times drivers from which a finding acts in too many ways for one free function
 MAX_PARTS = 6
@@ -183,6 +184,7 @@ def list_rivals(problem: Problem, candidate: Candidate, price: Price | None = No
         *_list_alike(problem, candidate, max(price.finding, price.cell)),
         *_list_finer_waves(problem, candidate),
         *_list_finer_bumps(problem, candidate),
+        *_list_finer_warm_ups(problem, candidate),
         *_list_elsewhere(problem, candidate, price.cell),
         *_weigh(more, "place", MORE_DRIVERS * max(price)),
         # with this very constant
@@ -259,6 +261,12 @@ def _list_finer_waves(problem: Problem, candidate: Candidate) -> Iterator[Rival]
     own = candidate.mechanism
     waves = [*generate_finer_waves(problem, own), *generate_finer_time_waves(problem, own)]
     yield from _weigh(waves, agrees, prior, kind)
+
+
+def _list_finer_warm_ups(problem: Problem, candidate: Candidate) -> Iterator[Rival]:
+    """List warm-ups with about the time constant of a found one: the same shape."""
+    finer = list(generate_finer_warm_ups(problem, candidate.mechanism))
+    yield from _weigh(finer, "shape", candidate.prior, candidate.kind)
 
 
 def _list_finer_bumps(problem: Problem, candidate: Candidate) -> Iterator[Rival]:

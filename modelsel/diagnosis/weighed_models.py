@@ -10,6 +10,7 @@ import numpy as np
 
 from .._typing import Array, Index, Mask
 from .candidates import Candidate
+from .nested_steps import NestedSteps
 from .signatures import Parts
 
 # most probable sets that are reported
@@ -57,6 +58,13 @@ class VisitedModels(NamedTuple):
             if removed and 0 < added <= removed + 1:
                 return one
         return None
+
+    def tell_apart(self, steps: NestedSteps, chosen: Sequence[int]) -> VisitedModels:
+        """Tell the steps of targets in the sets each by the targets that no other one of its set moves
+        at once; the `chosen` set as it is."""
+        now = tuple(sorted(chosen))
+        told = [one if one == now else steps.tell_apart(one) for one in self.sets]
+        return self._replace(sets=tuple(told))
 
     @property
     def members(self) -> frozenset[int]:

@@ -63,6 +63,8 @@ def test_a_name_of_several_steps_has_each_at_its_moment(rng: Rng) -> None:
     assert abs(moment - 29.5 / 59) < 0.03
 
 
-@pytest.mark.parametrize("name", ["target-step:B:0.5", "zero-step:3:0.5", "geometric", "gear-ripple:4"])
+@pytest.mark.parametrize(
+    "name", ["target-step:B:0.5", "zero-step:3:0.5", "geometric", "gear-ripple:4"]
+)
 def test_what_has_its_moment_or_is_no_step_is_not_placed(name: str) -> None:
     assert not list_scanned_steps(name, ROBOT, REGISTRY)

@@ -1,0 +1,91 @@
+"""Warm-ups with any time constant: once one is found, the data tell its constant better than the four
+that are looked for stand apart.
+
+What the nearest of these leaves was found as a drift beside it, or stayed in the errors."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from .._typing import Array
+from ..fitting.problem import Problem
+from ..mechanisms.causes import Applied, Combined, Number
+from ..mechanisms.terms import Mechanism
+from .distinct_places import Place
+from .driver_functions import IN_TIME
+from .unregistered import WARM_UP_SHARES, build_cell, build_warm_ups, choose_clock
+
+# time constants in shares of the campaign: so near one another that what lies between two of them leaves
+# less than a thousandth of its variance
+WARM_UPS = tuple(np.geomspace(0.02, 2.0, 41).tolist())
+# factor between two of these, and the finer steps that are tried around a found one
+FACTOR = WARM_UPS[1] / WARM_UPS[0]
+FINER = 4
+# times that the steps are made finer, to fit a course
+ROUNDS = 3
+# largest factor between two that are looked for
+APART = max(np.divide(WARM_UP_SHARES[1:], WARM_UP_SHARES[:-1]).tolist())
+
+
+def find_time_constant(mechanism: Mechanism) -> float | None:
+    """Find the time constant of a warm-up of one place; None of anything else."""
+    if len(mechanism.terms) != 1 or len(mechanism.terms[0].screws) != 1:
+        return None
+    match mechanism.terms[0].screws[0].cause:
+        case Applied("exp", Combined("/", clock, Number(minus))):
+            return -minus if clock.names() <= IN_TIME else None
+    return None
+
+
+def generate_finer_warm_ups(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
+    """Generate warm-ups whose constants lie between those of a found one's neighbours. None for any
+    other finding."""
+    own = find_time_constant(found)
+    _, duration = choose_clock(problem)
+    if own is None or not duration:
+        return
+    share = own / duration
+    near = [other for other in WARM_UPS if 1 / APART < other / share < APART]
+    for step in range(1, FINER):
+        factor = FACTOR ** (step / FINER)
+        near += [share * factor, share / factor]
+    (place,) = found.names_by_place()
+    yield from _generate(problem, place, sorted(near), found)
+
+
+def fit_warm_up(problem: Problem, place: Place, course: Array) -> Mechanism | None:
+    """Fit a warm-up of one place, and a constant, to a course (m,) in time: the constant to a fraction
+    of a hundredth. None where there is no time."""
+    shares: Sequence[float] = WARM_UPS
+    best: Mechanism | None = None
+    for digits in range(ROUNDS + 1):
+        warm_ups = list(_generate(problem, place, shares, None))
+        if not warm_ups:
+            return None
+        misfits = [_measure_misfit(problem, one, course) for one in warm_ups]
+        nearest = int(np.argmin(misfits))
+        best = warm_ups[nearest]
+        step = FACTOR ** (1 / FINER ** (digits + 1))
+        shares = [shares[nearest] * step**k for k in range(-FINER, FINER + 1)]
+    return best
+
+
+def _measure_misfit(problem: Problem, warm_up: Mechanism, course: Array) -> float:
+    """Measure what a warm-up and a constant leave of a course (m,)."""
+    own = warm_up.terms[0].screws[0].cause.of(problem.state)
+    columns = np.column_stack([np.asarray(own), np.ones_like(course)])
+    coefficients, *_ = np.linalg.lstsq(columns, course, rcond=None)
+    left = course - columns @ coefficients
+    return float(left @ left)
+
+
+def _generate(
+    problem: Problem, place: Place, shares: Sequence[float], found: Mechanism | None
+) -> Iterator[Mechanism]:
+    """Generate the warm-ups of a place but for a found one."""
+    for cause in build_warm_ups(problem, shares):
+        warm_up = build_cell(place, (cause,))
+        if warm_up != found:
+            yield warm_up
