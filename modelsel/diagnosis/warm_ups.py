@@ -56,8 +56,8 @@ def generate_finer_warm_ups(problem: Problem, found: Mechanism) -> Iterator[Mech
 
 
 def fit_warm_up(problem: Problem, place: Place, course: Array) -> Mechanism | None:
-    """Fit a warm-up of one place, and a constant, to a course (m,) in time: the constant to a fraction
-    of a hundredth. None where there is no time."""
+    """Fit a warm-up of one place, beside a constant, to a course (m,) in time: its time constant to a few
+    thousandths. None where there is no time."""
     shares: Sequence[float] = WARM_UPS
     best: Mechanism | None = None
     for digits in range(ROUNDS + 1):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from ..exceptions import StudyError, sentence_list
 from .moved_targets import JOINED, limit_to_targets
@@ -29,20 +29,36 @@ def number_targets(targets: Sequence[str], listed: Sequence[str] = ()) -> tuple[
 def choose_targets(given: str, targets: Sequence[str]) -> tuple[tuple[int, ...], str]:
     """Choose the targets that `given` names, one or several that move alike, and what follows: the
     constant, if any. None where it names none."""
-    number = choose_target(given, targets)
+    known: dict[int, tuple[tuple[int, ...], str]] = {}
+    for start in reversed(_list_starts(given)):
+        known[start] = _choose_from(start, given, targets, known)
+    return known[0]
+
+
+def _list_starts(given: str) -> list[int]:
+    """List where the name of a target may begin."""
+    ends = range(len(JOINED), len(given) + 1)
+    return [0, *(end for end in ends if given.endswith(JOINED, 0, end))]
+
+
+def _choose_from(
+    start: int, given: str, targets: Sequence[str], known: Mapping[int, tuple[tuple[int, ...], str]]
+) -> tuple[tuple[int, ...], str]:
+    """Choose the targets that `given` names from one place on; `known`: those from later places on."""
+    left = given[start:]
+    number = choose_target(left, targets)
     if number is not None:
-        constant = given[len(targets[number]) + 1 :]
+        constant = left[len(targets[number]) + 1 :]
         return (number,), constant
     for number, target in enumerate(targets):
         first = f"{target}{JOINED}"
-        if not given.startswith(first):
+        if not left.startswith(first):
             continue
-        rest = given.removeprefix(first)
-        others, constant = choose_targets(rest, targets)
+        others, constant = known[start + len(first)]
         is_new = number not in others
         if others and is_new:
             return (number, *others), constant
-    return (), given
+    return (), left
 
 
 def check_order(name: str, places: Sequence[int], targets: Sequence[str]) -> None:

@@ -89,15 +89,17 @@ def _parse_causes(place: str, table: CovariateTable, problem: Problem) -> list[C
     units = problem.names()
     data = problem.data
     members = _place_members(data)
-    causes, problems = [], []
+    causes: list[Cause] = []
+    problems: list[str] = []
     for text in table.causes:
         try:
             causes.append(parse(text, units, f"{place}.causes", members))
         except StudyError as error:
-            columns = describe_columns(problem.data)
-            problems += [f"{one.rstrip()} {columns}" for one in error.problems]
+            problems += error.problems
     if problems:
-        raise StudyError(*problems)
+        columns = describe_columns(data)
+        told = add_columns(problems, columns)
+        raise StudyError(*told)
     return causes
 
 
@@ -118,6 +120,13 @@ def _place_members(data: Measurements) -> dict[str, Cause]:
         else:
             placed[name] = Number(0.0)
     return placed
+
+
+def add_columns(problems: Sequence[str], columns: str) -> list[str]:
+    """Add a sentence on the `columns` that there are to the last of some problems with formulas, once
+    for all of them."""
+    *others, last = problems
+    return [*others, f"{last.rstrip()} {columns}"]
 
 
 def describe_columns(data: Measurements) -> str:

@@ -10,6 +10,7 @@ from ..exceptions import StudyError
 from ..mechanisms.cause_formulas import parse
 from ..mechanisms.causes import Member
 from ..robot.kinematics import Robot
+from .own_causes import add_columns
 
 
 class _AnyName(dict[str, str]):
@@ -47,10 +48,11 @@ def list_name_problems(
     study: Study, units: Mapping[str, str], members: Mapping[str, Member], columns: str
 ) -> list[str]:
     """List the names in the effects' causes that are not among the known ones, `units` and
-    `members`, each with a sentence on the `columns` that there are."""
+    `members`, with a sentence on the `columns` that there are."""
     malformed = list_formula_problems(study)
     problems = list_cause_problems(study, units, members)
-    return [f"{problem} {columns}" for problem in problems if problem not in malformed]
+    unknown = [problem for problem in problems if problem not in malformed]
+    return add_columns(unknown, columns) if unknown else []
 
 
 def list_cause_problems(

@@ -32,7 +32,7 @@ from .found_problems import name_study_file
 from .inputs import read_known_features, read_nominal_robot
 from .noise_parts import check_parts
 from .own_causes import describe_columns
-from .planted_effects import list_cause_problems, list_formula_problems, list_frame_problems
+from .planted_effects import list_formula_problems, list_frame_problems, list_name_problems
 from .preparation import arrange_tools
 from .unrepeated import NOTHING, Unrepeated, draw_unrepeated
 from .whole_study import open_study
@@ -162,12 +162,8 @@ def _parse_effects(
     units = problem.names()
     members = list_members(len(targets), len(data.groups))
     problems = list_frame_problems(study, robot)
-    malformed = list_formula_problems(study)
-    for text in list_cause_problems(study, units, members):
-        told = text
-        if text not in malformed:
-            told = f"{text} {columns}"
-        problems.append(told)
+    problems += list_formula_problems(study)
+    problems += list_name_problems(study, units, members, columns)
     if problems:
         raise StudyError(*problems)
     effects = []

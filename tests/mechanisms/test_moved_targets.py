@@ -11,8 +11,9 @@ from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.campaign_registry import set_targets
 from modelsel.mechanisms.causes import Member
 from modelsel.mechanisms.environment import STEPS, target_step
-from modelsel.mechanisms.moved_targets import find_moved_targets, limit_to_targets
+from modelsel.mechanisms.moved_targets import JOINED, find_moved_targets, limit_to_targets
 from modelsel.mechanisms.registry import BUILTIN, build_mechanisms, every
+from modelsel.mechanisms.target_names import choose_targets
 from modelsel.mechanisms.terms import Mechanism, Term
 from modelsel.robot.files import load_robot
 
@@ -66,6 +67,18 @@ def test_a_name_of_targets_that_are_not_there_is_refused(given: str) -> None:
     registry = set_targets(BUILTIN, ["A", "B", "C"])
     with pytest.raises(StudyError, match="the targets are A, B and C"):
         build_mechanisms(f"target-step:{given}", ROBOT, registry)
+
+
+def test_many_targets_that_are_called_alike_are_told_apart_at_once() -> None:
+    """A name could be read in as many ways as there are sums: forty targets took for ever."""
+    names = [JOINED.join("A" * count) for count in range(1, 41)]
+    joined = JOINED.join("A" * 1000)
+    assert choose_targets(joined, names) == ((), joined)
+    assert choose_targets(f"{names[-1]}:0.5", names) == ((39,), "0.5")
+    given = f"{names[4]}{JOINED}B:0.5"
+    assert choose_targets(given, [*names[:5], "B"]) == ((2, 1, 5), "0.5")
+    long = JOINED.join("A" * 5000)
+    assert choose_targets(long, ["A", "B"]) == ((), long)
 
 
 def test_common_steps_are_not_among_what_every_search_considers() -> None:
