@@ -50,9 +50,22 @@ def list_name_problems(
     """List the names in the effects' causes that are not among the known ones, `units` and
     `members`, with a sentence on the `columns` that there are."""
     malformed = list_formula_problems(study)
+    problems = tell_cause_problems(study, units, members, columns)
+    return [problem for problem in problems if problem not in malformed]
+
+
+def tell_cause_problems(
+    study: Study, units: Mapping[str, str], members: Mapping[str, Member], columns: str
+) -> list[str]:
+    """List what is wrong with the effects' causes, effect by effect; the last unknown name with a
+    sentence on the `columns` that there are."""
+    malformed = list_formula_problems(study)
     problems = list_cause_problems(study, units, members)
-    unknown = [problem for problem in problems if problem not in malformed]
-    return add_columns(unknown, columns) if unknown else []
+    unknown = [k for k, problem in enumerate(problems) if problem not in malformed]
+    for last in unknown[-1:]:
+        told = add_columns([problems[last]], columns)
+        problems[last : last + 1] = told
+    return problems
 
 
 def list_cause_problems(
