@@ -17,6 +17,7 @@ class CandidateKind(Enum):
     FREE_FUNCTION = "free function of a joint's own angle"
     GROWTH = "function of a joint's own angle that grows along the campaign"
     TIME_WAVE = "slow wave along the campaign"
+    COURSE = "course of a covariate in time, in its place"
     JUMP = "jump at one angle of a joint"
     RAMP = "step of a joint over a part of its range"
     BUMP = "error of a joint around one reading"
@@ -37,6 +38,7 @@ MAP_KINDS = (CandidateKind.CELL, CandidateKind.WAVE, CandidateKind.WAVE_PRODUCT)
 # kinds whose causes have words of their own
 NAMED_IN_WORDS = (
     CandidateKind.TIME_WAVE,
+    CandidateKind.COURSE,
     CandidateKind.SLIDE_WAVE,
     CandidateKind.BUMP,
     CandidateKind.SOFT_LAG,

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from ..mechanisms.causes import Applied, Cause, Combined, Named, Number
 from ..mechanisms.environment import PROGRESS, step_after
 from ..mechanisms.motors import joint_axis
 from ..mechanisms.terms import Mechanism, Term
+from .candidate_kinds import CandidateKind
 from .driver_functions import IN_TIME
 from .session_steps import list_changes, round_between
 from .unregistered import WARM_UP_SHARES, build_warm_ups, choose_clock
@@ -42,11 +44,20 @@ FEWEST_ROWS = 4
 JUMP = 0.4
 
 
-def generate_confounded(problem: Problem, found: Mechanism) -> Iterator[list[Mechanism]]:
+class Confounded(NamedTuple):
+    """Mechanisms of one sort that stand beside a finding's covariate, and of what kind they are; the
+    `covariate` that they depend on where that stands in the place of time."""
+
+    mechanisms: list[Mechanism]
+    kind: CandidateKind = CandidateKind.CELL
+    covariate: str | None = None
+
+
+def generate_confounded(problem: Problem, found: Mechanism) -> Iterator[Confounded]:
     """Generate a finding's terms with what else changed in the place of its covariate, by sorts: steps
     between sessions; time and warming up; the covariate's own course in time; in the place of time a
     covariate's course, alone and with its square. None where it has no covariate, or one that went its
-    own way."""
+    own way. Courses that are fitted to the covariate are named in words: their formulas are long."""
     name = find_confounded(problem, found)
     count = len(found.terms)
     if name is None or count > MOST_TERMS:
@@ -54,22 +65,30 @@ def generate_confounded(problem: Problem, found: Mechanism) -> Iterator[list[Mec
     if name not in found.names():
         apart = _count_from_middle(problem, name)
         square = apart * apart
-        linear = _put_in_time(found, [apart])
-        bent = _put_in_time(found, [apart, square])
-        yield [linear, bent]
+        words = _name_course(name)
+        linear = _put_in_time(found, [apart], words)
+        bent = _put_in_time(found, [apart, square], f"{words} and its square")
+        yield Confounded([linear, bent], CandidateKind.COURSE, name)
         return
     moments = _list_moments(problem.data, name)
     if moments:
         steps = [step_after(moment) for moment, _ in moments]
         stepping = _put(found, name, steps)
         told = _tell_steps(problem, stepping, moments)
-        yield [replace(stepping, sentence=told)]
+        yield Confounded([replace(stepping, sentence=told)])
     in_time = list(_generate_in_time(problem, found, name))
     if in_time:
-        yield in_time
+        is_plain = _is_straight(problem, found, name)
+        kind = CandidateKind.CELL if is_plain else CandidateKind.COURSE
+        yield Confounded(in_time, kind)
     smooth = _smooth(problem, name)
-    alike = _put_value(found, name, smooth)
-    yield [alike]
+    alike = _put_value(found, name, smooth, _name_course(name))
+    yield Confounded([alike], CandidateKind.COURSE)
+
+
+def _name_course(name: str) -> str:
+    """Name the course in time that a covariate was read off."""
+    return f"the smooth course of {name} in time"
 
 
 def _generate_in_time(problem: Problem, found: Mechanism, name: str) -> Iterator[Mechanism]:
@@ -88,7 +107,8 @@ def _put_course(problem: Problem, found: Mechanism, name: str, course: Cause) ->
     if _is_straight(problem, found, name):
         return _put(found, name, [course])
     fitted = _fit_courses(problem, name, [course])
-    return _put_value(found, name, fitted)
+    words = f"{name} as it follows {course} in time"
+    return _put_value(found, name, fitted, words)
 
 
 def _is_straight(problem: Problem, found: Mechanism, name: str) -> bool:
@@ -270,18 +290,27 @@ def _put(found: Mechanism, name: str, course: Sequence[Cause]) -> Mechanism:
     return _build_beside(found, course, insert)
 
 
-def _put_value(found: Mechanism, name: str, value: Cause) -> Mechanism:
-    """Put what a covariate was meanwhile in its place; what it is counted from stays."""
+def _put_value(found: Mechanism, name: str, value: Cause, words: str) -> Mechanism:
+    """Put what a covariate was meanwhile, in words, in its place; what it is counted from stays."""
 
     def insert(cause: Cause, one: Cause) -> Cause:
         return substitute_value(cause, name, one)
 
-    return _build_beside(found, [value], insert)
+    built = _build_beside(found, [value], insert)
+    return _name_in_words(built, words)
 
 
-def _put_in_time(found: Mechanism, course: Sequence[Cause]) -> Mechanism:
-    """Put functions with coefficients of their own in the place of all that depends on time alone."""
-    return _build_beside(found, course, substitute_time)
+def _put_in_time(found: Mechanism, course: Sequence[Cause], words: str) -> Mechanism:
+    """Put functions with coefficients of their own, in words, in the place of all that depends on time
+    alone."""
+    built = _build_beside(found, course, substitute_time)
+    return _name_in_words(built, words)
+
+
+def _name_in_words(built: Mechanism, words: str) -> Mechanism:
+    """Name a mechanism by its first place, and the course that it follows in words."""
+    frame, axis = next(iter(built.names_by_place()))
+    return replace(built, name=f"{frame} {axis} {words}")
 
 
 def _build_beside(

@@ -13,6 +13,7 @@ WORD = re.compile(r"[A-Za-z_]\w*")
 PLACE = re.compile(r"frame (\d+) ([tr])([xyz]) ·")
 WAVES = re.compile(r"waves of (\w+) times waves of (\w+)")
 SLOW = re.compile(r"([\d.]+) waves along the campaign")
+COURSE = re.compile(r"the smooth course of (\w+) in time")
 NUMBERED = re.compile(r" \((\d+)\)$")
 # what follows it, such as the name of a target, is no cause
 REGISTERED = re.compile(r"(fault:)?[a-z0-9]+(-[a-z0-9]+)+(:|$| )")
@@ -71,6 +72,9 @@ def _explain_shapes(text: str) -> list[str]:
     if slow is not None:
         periods = slow[1]
         lines.append(f"{slow[0]}: a wave in time, {periods} periods from the first row to the last")
+    course = COURSE.search(text)
+    if course is not None:
+        lines.append(f"{course[0]}: a smooth curve in time through the readings of {course[1]}")
     return lines
 
 

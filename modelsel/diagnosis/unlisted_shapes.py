@@ -22,7 +22,7 @@ from ..mechanisms.terms import Mechanism
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
 from .changing_shapes import generate_changing
-from .confounded_covariates import find_confounded, generate_confounded
+from .confounded_covariates import generate_confounded
 from .distinct_places import Place
 from .driver_functions import IN_TIME
 from .field_distortions import generate_distortions, is_seen_wrongly
@@ -222,13 +222,12 @@ def _list_confounded(problem: Problem, candidate: Candidate, prior: float) -> It
     """List what else changed when a finding's covariate did: together as probable as the finding."""
     own = candidate.mechanism
     sorts = list(generate_confounded(problem, own))
-    stands_for = None
-    covariate = find_confounded(problem, own)
-    if covariate is not None and covariate not in own.names():
-        stands_for = (own.names() - IN_TIME) | {covariate}
-    for mechanisms in sorts:
+    for mechanisms, kind, covariate in sorts:
+        stands_for = None
+        if covariate is not None:
+            stands_for = (own.names() - IN_TIME) | {covariate}
         share = prior / len(sorts)
-        for rival in _weigh(mechanisms, "place", share, CandidateKind.CELL):
+        for rival in _weigh(mechanisms, "place", share, kind):
             yield replace(rival, stands_for=stands_for)
 
 

@@ -20,6 +20,7 @@ from modelsel.diagnosis.confounded_covariates import (
     substitute_value,
 )
 from modelsel.diagnosis.driver_functions import IN_TIME
+from modelsel.diagnosis.name_legend import explain_names
 from modelsel.diagnosis.sentences import describe_candidate
 from modelsel.diagnosis.signatures import LEVELS, PROVEN
 from modelsel.diagnosis.unlisted_shapes import list_rivals
@@ -50,6 +51,11 @@ def measure(
     groups = [f"session {k}" for k in np.arange(ROWS) * sessions // ROWS]
     covariates = {"temperature_C": warm}
     return bind(ARM, build_measurements(q_read, position, group=groups, covariates=covariates))
+
+
+def list_sorts(at: Problem, found: Mechanism) -> list[list[Mechanism]]:
+    """What stands beside a finding's covariate, by sorts."""
+    return [sort.mechanisms for sort in generate_confounded(at, found)]
 
 
 def twice(low: float, high: float) -> np.ndarray:
@@ -98,7 +104,7 @@ def test_steps_between_sessions_are_rivals(rng: np.random.Generator) -> None:
     at = measure(twice(21, 27), np.zeros(ROWS), 2, rng)
     thermal = mechanism(f"thermal-zero:{ZERO}", ARM)
     assert find_confounded(at, thermal) == "temperature_C"
-    (stepping,), *_ = generate_confounded(at, thermal)
+    (stepping,), *_ = list_sorts(at, thermal)
     cause = stepping.terms[0].screws[0].cause
     np.testing.assert_array_equal(cause.of(at.state), at.data.group)
     assert (
@@ -130,7 +136,7 @@ def test_what_warms_up_with_any_constant_is_a_rival(
     for own in (constant, 0.2):
         read = 21 + 5 * warm_up(own) + rng.normal(0, 0.1, ROWS)
         at = measure(read, np.zeros(ROWS), 1, rng)
-        in_time, _ = generate_confounded(at, thermal)
+        in_time, _ = list_sorts(at, thermal)
         assert max(explain(warm, one, at) for one in in_time) > 0.999
 
 
@@ -143,13 +149,18 @@ def test_the_course_that_a_temperature_was_read_off_is_a_rival(
     warm = warm_up(constant)
     at = measure(21 + 5 * warm + rng.normal(0, 0.1, ROWS), np.zeros(ROWS), 1, rng)
     found = Candidate(mechanism(f"thermal-zero:{ZERO}", ARM), CandidateKind.MECHANISM, 0.01)
-    _, (alike,) = generate_confounded(at, found.mechanism)
+    _, (alike,) = list_sorts(at, found.mechanism)
     cause = np.asarray(alike.terms[0].screws[0].cause.of(at.state))
     assert np.std(cause - 5 * warm) < 0.05
     assert alike.terms[0].screws[0].cause.unit == "°C"
     (rival,) = (one for one in list_rivals(at, found) if one.candidate.mechanism == alike)
     assert rival.agrees == "place"
     assert rival.candidate.prior == pytest.approx(0.005)
+    # its formula has ten numbers
+    label = rival.candidate.label
+    assert label == f"frame {ZERO} rz · the smooth course of temperature_C in time"
+    told = "the smooth course of temperature_C in time: a smooth curve in time through the readings of temperature_C"
+    assert told in explain_names([label])
 
 
 @pytest.mark.unit
@@ -162,9 +173,11 @@ def test_what_bends_with_a_temperature_bends_with_time_from_the_same_value(
     at = measure(course + rng.normal(0, 0.03, ROWS), np.zeros(ROWS), 1, rng)
     rise = temperature_rise(24.0)
     square = Mechanism("square", (Term("m", (Screw(ZERO, "rz", rise * rise),)),))
-    in_time, (alike,) = generate_confounded(at, square)
+    in_time, (alike,) = list_sorts(at, square)
     bent = (course - 24) ** 2
     assert max(explain(bent, one, at) for one in in_time) > 0.99
+    words = Candidate(in_time[0], CandidateKind.COURSE, 0.01).causes(" and ")
+    assert words == "temperature_C as it follows progress in time"
     assert explain(bent, alike, at) > 0.99
 
 
@@ -189,10 +202,12 @@ def test_a_temperature_that_went_with_time_is_a_rival_of_time(rng: np.random.Gen
     at = measure(21 + 5 * course + rng.normal(0, 0.1, ROWS), np.zeros(ROWS), 1, rng)
     drift = in_time(Named("progress"))
     assert find_confounded(at, drift) == "temperature_C"
-    ((linear, squared),) = generate_confounded(at, drift)
+    ((linear, squared),) = list_sorts(at, drift)
     first, second = (np.asarray(t.screws[0].cause.of(at.state)) for t in squared.terms)
     np.testing.assert_allclose(second, first**2)
     assert linear.terms[0].screws == squared.terms[0].screws
+    named = Candidate(squared, CandidateKind.COURSE, 0.01)
+    assert named.causes(" and ") == "the smooth course of temperature_C in time and its square"
     assert np.std(first - 5 * course) < 0.05
 
 
@@ -271,7 +286,7 @@ def test_what_moves_many_frames_by_one_number_is_told_together(rng: np.random.Ge
     """And no longer as what the first of them does, with every factor in a row."""
     at = measure(np.linspace(20.0, 29.0, ROWS), np.zeros(ROWS), 1, rng)
     grown = mechanism("thermal-expansion", load_robot("puma760"))
-    course = next(iter(generate_confounded(at, grown)))[0]
+    course = list_sorts(at, grown)[0][0]
     candidate = Candidate(course, CandidateKind.CELL, 0.01)
     frames = sorted({screw.frame for screw in course.terms[0].screws})
     assert candidate.label == f"frames {frames[0]} to {frames[-1]} · progress"
