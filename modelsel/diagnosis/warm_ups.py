@@ -6,6 +6,7 @@ What the nearest of these leaves was found as a drift beside it, or stayed in th
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import product
 
 import numpy as np
 
@@ -20,10 +21,10 @@ from .unregistered import WARM_UP_SHARES, build_cell, build_warm_ups, choose_clo
 # time constants in shares of the campaign: so near one another that what lies between two of them leaves
 # less than a thousandth of its variance
 WARM_UPS = tuple(np.geomspace(0.02, 2.0, 41).tolist())
-# factor between two of these, and the finer steps that are tried around a found one
+# factor between two of these, into how many finer steps it is parted around a found one, and how many times
+# these are parted again: a large warm-up tells its constant to a few thousandths
 FACTOR = WARM_UPS[1] / WARM_UPS[0]
 FINER = 4
-# times that the steps are made finer, to fit a course
 ROUNDS = 3
 # largest factor between two that are looked for
 APART = max(np.divide(WARM_UP_SHARES[1:], WARM_UP_SHARES[:-1]).tolist())
@@ -48,8 +49,8 @@ def generate_finer_warm_ups(problem: Problem, found: Mechanism) -> Iterator[Mech
         return
     share = own / duration
     near = [other for other in WARM_UPS if 1 / APART < other / share < APART]
-    for step in range(1, FINER):
-        factor = FACTOR ** (step / FINER)
+    for depth, step in product(range(1, ROUNDS + 1), range(1, FINER)):
+        factor = FACTOR ** (step / FINER**depth)
         near += [share * factor, share / factor]
     (place,) = found.names_by_place()
     yield from _generate(problem, place, sorted(near), found)

@@ -51,7 +51,8 @@ def test_finer_constants_lie_between_the_neighbours(rng: np.random.Generator) ->
     assert 0.1 / APART < shares.min() < 0.045
     assert 0.22 < shares.max() < 0.1 * APART
     nearest = np.sort(np.abs(np.log(shares / 0.1)))
-    assert nearest[0] < 0.03
+    assert nearest[0] < 0.002
+    assert nearest[-1] < np.log(APART)
 
 
 def test_what_is_no_warm_up_has_no_constant(rng: np.random.Generator) -> None:
