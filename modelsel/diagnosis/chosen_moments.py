@@ -37,10 +37,15 @@ def list_scanned_steps(name: str, robot: Robot, registry: Registry) -> tuple[Mec
     """List the steps that a name without a moment stands for, at every moment; none for any other
     name. Raises StudyError for an unknown one."""
     built = build_mechanisms(name, robot, registry)
-    is_step = all(list_step_moments(m.terms) for m in built)
-    constants = Counter(m.name for m in built)
-    is_scanned = max(constants.values(), default=1) > 1
-    return built if is_step and is_scanned else ()
+    constants: Counter[str] = Counter()
+    for m in built:
+        if not list_step_moments(m.terms):
+            return ()
+        constants[m.name] += 1
+    most = max(constants.values(), default=1)
+    if most == 1:
+        return ()
+    return built
 
 
 def choose_step_moments(

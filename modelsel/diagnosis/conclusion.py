@@ -73,8 +73,10 @@ class Conclusion:
     def weighed(self) -> VisitedModels:
         """The same, as many as claims may be weighed by."""
         search = self.explored.search
-        weighed = weigh_models(search, self.view, self.chosen)
-        return weighed.tell_apart(search.nested_steps, self.chosen)
+        view, chosen = self.view, self.chosen
+        steps = search.nested_steps
+        weighed = weigh_models(search, view, chosen)
+        return weighed.tell_apart(steps, chosen)
 
 
 def conclude(explored: Exploration) -> Conclusion:

@@ -309,8 +309,10 @@ def _put_in_time(found: Mechanism, course: Sequence[Cause], words: str) -> Mecha
 
 def _name_in_words(built: Mechanism, words: str) -> Mechanism:
     """Name a mechanism by its first place, and the course that it follows in words."""
-    frame, axis = next(iter(built.names_by_place()))
-    return replace(built, name=f"{frame} {axis} {words}")
+    places = list(built.names_by_place())
+    frame, axis = places[0]
+    name = f"{frame} {axis} {words}"
+    return replace(built, name=name)
 
 
 def _build_beside(

@@ -74,7 +74,9 @@ def _explain_shapes(text: str) -> list[str]:
         lines.append(f"{slow[0]}: a wave in time, {periods} periods from the first row to the last")
     course = COURSE.search(text)
     if course is not None:
-        lines.append(f"{course[0]}: a smooth curve in time through the readings of {course[1]}")
+        words = course[0]
+        name = course[1]
+        lines.append(f"{words}: a smooth curve in time through the readings of {name}")
     return lines
 
 

@@ -23,7 +23,9 @@ Targets = frozenset[int]
 
 def is_target_step(candidate: Candidate) -> bool:
     """Return whether a candidate is a registered step of targets."""
-    return candidate.registered and candidate.mechanism.stem == TARGET_STEP
+    mechanism = candidate.mechanism
+    is_step = mechanism.stem == TARGET_STEP
+    return candidate.registered and is_step
 
 
 def list_moved_targets(problem: Problem, step: Candidate) -> Targets:
@@ -97,15 +99,25 @@ class NestedSteps:
 
     def _find_nearest(self, targets: Targets, at: float, default: int) -> int:
         """Find the step of some targets that is nearest to a moment."""
-        alike = [k for k, step in self.steps.items() if step.targets == targets]
-        return min(alike, key=lambda k: abs(self.steps[k].at - at), default=default)
+        distances = {}
+        for k, step in self.steps.items():
+            if step.targets == targets:
+                distance = step.at - at
+                distances[k] = abs(distance)
+        return min(distances, key=distances.__getitem__, default=default)
 
     def _are_at_once(self, few: _Step, many: _Step) -> bool:
         """Return whether fewer rows of the few targets than a step needs are between two steps."""
         data = self.problem.data
         low, high = sorted((few.at, many.at))
-        is_own = np.isin(data.target, list(few.targets))
-        between = is_own & (low < data.progress) & (data.progress < high)
+        progress = data.progress
+        targets = list(few.targets)
+        is_own = np.isin(data.target, targets)
+        is_later = low < progress
+        is_earlier = progress < high
+        between = is_own & is_later & is_earlier
         # a target's step has three numbers
         needed = 3 * COORDINATES_OF_STEP
-        return bool(between.sum() * self.problem.components < needed)
+        rows = int(between.sum())
+        coordinates = rows * self.problem.components
+        return coordinates < needed

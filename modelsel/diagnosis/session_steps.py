@@ -157,20 +157,26 @@ def build_step_of(problem: Problem, targets: Collection[int], at: float) -> Mech
     step = _build_target_step(moved, numbers, problem.robot, at)
     begins = _say_begin(meetings, at, own.progress, about=True)
     begins = begins or _say_row(own, at)
-    return _tell(step, begins) if begins else None
+    if not begins:
+        return None
+    return _tell(step, begins)
 
 
 def have_own_name(data: Measurements, targets: Collection[int]) -> bool:
     """Whether the names of some targets (0-based), joined, are no target's."""
     names = data.targets
-    joined = JOINED.join(names[place] for place in sorted(targets))
-    return len(targets) == 1 or joined not in names
+    own = [names[place] for place in sorted(targets)]
+    joined = JOINED.join(own)
+    is_single = len(own) == 1
+    is_new = joined not in names
+    return is_single or is_new
 
 
 def list_measured_targets(data: Measurements) -> frozenset[int]:
     """List the targets (0-based) that some rows measure."""
     measured = np.unique(data.target)
-    return frozenset(measured.tolist())
+    numbers = measured.tolist()
+    return frozenset(numbers)
 
 
 def _limit_to_measured(problem: Problem, mechanisms: Sequence[Mechanism]) -> list[Mechanism]:
@@ -193,8 +199,11 @@ def _list_spans(data: Measurements) -> dict[int, tuple[float, float]]:
     """List of every target that was measured (0-based) the progress of its first row and its last."""
     spans = {}
     for target in list_measured_targets(data):
-        own = data.progress[data.target == target]
-        spans[target] = float(own.min()), float(own.max())
+        is_own = data.target == target
+        own = data.progress[is_own]
+        first = float(own.min())
+        last = float(own.max())
+        spans[target] = first, last
     return spans
 
 

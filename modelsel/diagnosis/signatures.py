@@ -137,10 +137,12 @@ def _read_shape(candidate: Candidate) -> Hashable:
         joint, count = find_own_wave(candidate.mechanism)
         quarters = round(count / QUARTER)
         return candidate.kind, joint, quarters
-    is_warm_up = find_time_constant(candidate.mechanism) is not None
+    constant = find_time_constant(candidate.mechanism)
+    is_warm_up = constant is not None
     if candidate.kind in OF_ONE_SHAPE or is_warm_up:
         names_by_place = candidate.mechanism.names_by_place()
-        return candidate.kind, frozenset(names_by_place.items())
+        acts = frozenset(names_by_place.items())
+        return candidate.kind, acts
     if candidate.but_for_sign:
         return candidate.but_for_sign[0].name
     return _read_cause(candidate) or candidate.screws

@@ -142,7 +142,9 @@ class Search:
     @cached_property
     def nested_steps(self) -> NestedSteps:
         """The steps of targets among the candidates."""
-        return NestedSteps(self.problem, self.candidates)
+        problem = self.problem
+        candidates = self.candidates
+        return NestedSteps(problem, candidates)
 
     @cached_property
     def acting_parts(self) -> tuple[Candidate, ...]:
@@ -318,12 +320,17 @@ class Search:
         """List what no name of effect g may be: what the base has, and what another effect rules
         out."""
         bumps = self._list_bumps(self.list_bumped_beside(g, view))
-        same = self.nested_steps.list_other_names(g, self._list_chosen(view))
-        return np.concatenate([self.dead, bumps[bumps != g], same])
+        chosen = self._list_chosen(view)
+        same = self.nested_steps.list_other_names(g, chosen)
+        others = bumps[bumps != g]
+        return np.concatenate([self.dead, others, same])
 
     def _list_chosen(self, view: View) -> list[int]:
         """List the candidates that are in a model."""
-        return [self.numbers[m] for m in view.model.mechanisms if m in self.numbers]
+        numbers = self.numbers
+        mechanisms = view.model.mechanisms
+        known = [m for m in mechanisms if m in numbers]
+        return [numbers[m] for m in known]
 
     def list_bumped_beside(self, g: int, view: View) -> Index:
         """List the joints that effects of a model beside candidate g let err around one reading."""

@@ -93,8 +93,10 @@ def _find_around(problem: Problem, used: Mask, moments: Sequence[float]) -> tupl
     """Find the last of the used rows (m,) before a step's moments and the first after them; None where
     there are none."""
     progress = problem.data.progress
-    earlier = np.flatnonzero(used & (progress < moments[0]))
-    later = np.flatnonzero(used & (progress > moments[-1]))
+    is_before = progress < moments[0]
+    is_after = progress > moments[-1]
+    earlier = np.flatnonzero(used & is_before)
+    later = np.flatnonzero(used & is_after)
     if not (earlier.size and later.size):
         return None
     last = earlier[progress[earlier].argmax()]
@@ -106,8 +108,11 @@ def _find_between(problem: Problem, moved: Mask, step: str, around: tuple[int, i
     """Find the rows between the two around a step, of the rows (m,) that it moves."""
     progress = problem.data.progress
     last, first = around
-    between = (progress[last] < progress) & (progress < progress[first])
-    return OpenSide(step, between & moved, last, first)
+    is_later = progress[last] < progress
+    is_earlier = progress < progress[first]
+    between = is_later & is_earlier
+    rows = between & moved
+    return OpenSide(step, rows, last, first)
 
 
 def _find_untold(
@@ -117,12 +122,14 @@ def _find_untold(
     on one side of a step alone, or there are none; none where another target stood still."""
     data = problem.data
     last, first = around
-    is_before = data.progress <= data.progress[last]
-    is_after = data.progress >= data.progress[first]
-    before = set(data.target[used & is_before].tolist())
-    after = set(data.target[used & is_after].tolist())
-    both = before & after
-    if not both <= set(data.target[moved].tolist()):
+    progress = data.progress
+    is_before = progress <= progress[last]
+    is_after = progress >= progress[first]
+    before = data.target[used & is_before].tolist()
+    after = data.target[used & is_after].tolist()
+    both = set(before) & set(after)
+    own = data.target[moved].tolist()
+    if not both <= set(own):
         return []
     sides = []
     for target in range(len(data.targets)):

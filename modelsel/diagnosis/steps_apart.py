@@ -54,7 +54,8 @@ def tell_steps_apart(search: Search, diagnosis: Diagnosis) -> tuple[Search, Diag
         apart = _fit_apart(search, diagnosis, pair)
         if apart is not None:
             known = search.numbers
-            new = [step for step in apart[:2] if step.mechanism not in known]
+            rest, part, _ = apart
+            new = [step for step in (rest, part) if step.mechanism not in known]
             offered = search.offer(new)
             told = _retell(offered, diagnosis, pair, apart)
             return tell_steps_apart(offered, told)
@@ -77,8 +78,10 @@ def _list_pairs(problem: Problem, effects: Sequence[Effect]) -> list[_Pair]:
 
 def _is_single(candidate: Candidate) -> bool:
     """Whether a candidate is a step of targets at one moment."""
-    moments = list_step_moments(candidate.mechanism.terms)
-    return is_target_step(candidate) and len(moments) == 1
+    mechanism = candidate.mechanism
+    moments = list_step_moments(mechanism.terms)
+    is_single = len(moments) == 1
+    return is_single and is_target_step(candidate)
 
 
 def _fit_apart(search: Search, diagnosis: Diagnosis, pair: _Pair) -> _Apart | None:
@@ -103,9 +106,12 @@ def _fit_apart(search: Search, diagnosis: Diagnosis, pair: _Pair) -> _Apart | No
 
 def _list_moments(diagnosis: Diagnosis, pair: _Pair) -> list[float]:
     """List the moments of both steps."""
-    both = [diagnosis.effects[k].candidate for k in (pair.whole, pair.part)]
-    terms = [term for step in both for term in step.mechanism.terms]
-    return sorted(list_step_moments(terms))
+    moments: set[float] = set()
+    for place in (pair.whole, pair.part):
+        effect = diagnosis.effects[place]
+        mechanism = effect.candidate.mechanism
+        moments |= list_step_moments(mechanism.terms)
+    return sorted(moments)
 
 
 def _try_moment(search: Search, diagnosis: Diagnosis, pair: _Pair, at: float) -> _Apart | None:
@@ -132,11 +138,15 @@ def _move_step(problem: Problem, step: Candidate, targets: Targets, at: float) -
     """Build a step of other targets, or at another moment; None where they have rows on one side of it
     alone."""
     mechanism = step.mechanism
-    is_own = list_moved_targets(problem, step) == targets
-    if is_own and list_step_moments(mechanism.terms) == {at}:
+    moved = list_moved_targets(problem, step)
+    moments = list_step_moments(mechanism.terms)
+    is_own = moved == targets
+    if is_own and moments == {at}:
         return step
     built = build_step_of(problem, targets, at)
-    return None if built is None else replace(step, mechanism=built)
+    if built is None:
+        return None
+    return replace(step, mechanism=built)
 
 
 def _retell(search: Search, diagnosis: Diagnosis, pair: _Pair, apart: _Apart) -> Diagnosis:
@@ -164,7 +174,8 @@ def _retell(search: Search, diagnosis: Diagnosis, pair: _Pair, apart: _Apart) ->
 
 def _retell_effect(search: Search, effect: Effect, step: Candidate) -> Effect:
     """Retell an effect as a step of some of its targets, that takes back nothing of another one."""
-    acts = tuple(step.mechanism.names_by_place().items())
+    names_by_place = step.mechanism.names_by_place()
+    acts = tuple(names_by_place.items())
     claim = effect.claim
     if claim is not None:
         claim = replace(claim, acts=acts)
@@ -190,10 +201,12 @@ def _retell_set(problem: Problem, effect: Effect, step: Candidate) -> CredibleSe
 
 def _estimate(effects: Sequence[Effect], fitted: Fit) -> list[Effect]:
     """Estimate effects by a fitted model that has them, and number those of one name."""
-    numbers = number_repeated([effect.candidate.label for effect in effects])
+    labels = [effect.candidate.label for effect in effects]
+    numbers = number_repeated(labels)
     estimated = []
     for effect, number in zip(effects, numbers, strict=True):
-        own = fitted.locate(effect.candidate.mechanism)
+        mechanism = effect.candidate.mechanism
+        own = fitted.locate(mechanism)
         estimate = fitted.theta[own]
         error = fitted.standard_errors[own]
         one = replace(effect, estimate=estimate, standard_error=error, number=number)
@@ -205,9 +218,11 @@ def _sort_two(search: Search, effects: Sequence[Effect], pair: _Pair) -> list[Ef
     """Sort the two steps by how far they move all rows together, the larger first."""
     ordered = list(effects)
     first, second = sorted((pair.whole, pair.part))
-    sizes = [_measure_size(search.problem, effects[k]) for k in (first, second)]
-    if sizes[0] < sizes[1]:
-        ordered[first], ordered[second] = effects[second], effects[first]
+    one, other = effects[first], effects[second]
+    size = _measure_size(search.problem, one)
+    if size < _measure_size(search.problem, other):
+        ordered[first] = other
+        ordered[second] = one
     return ordered
 
 

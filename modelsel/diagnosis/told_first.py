@@ -87,9 +87,11 @@ def _differs_in_constant(own: Candidate, other: Candidate) -> bool:
     constant."""
     if not _is_one_question(own, other):
         return False
-    if own.kind in WITH_CONSTANT or find_time_constant(own.mechanism) is not None:
+    constant = find_time_constant(own.mechanism)
+    if own.kind in WITH_CONSTANT or constant is not None:
         return True
-    return other.mechanism.names() != own.mechanism.names()
+    names = own.mechanism.names()
+    return other.mechanism.names() != names
 
 
 def _is_one_question(own: Candidate, other: Candidate) -> bool:

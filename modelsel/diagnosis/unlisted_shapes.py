@@ -225,7 +225,8 @@ def _list_confounded(problem: Problem, candidate: Candidate, prior: float) -> It
     for mechanisms, kind, covariate in sorts:
         stands_for = None
         if covariate is not None:
-            stands_for = (own.names() - IN_TIME) | {covariate}
+            others = own.names() - IN_TIME
+            stands_for = others | {covariate}
         share = prior / len(sorts)
         for rival in _weigh(mechanisms, "place", share, kind):
             yield replace(rival, stands_for=stands_for)
@@ -264,8 +265,11 @@ def _list_finer_waves(problem: Problem, candidate: Candidate) -> Iterator[Rival]
 
 def _list_finer_warm_ups(problem: Problem, candidate: Candidate) -> Iterator[Rival]:
     """List warm-ups with about the time constant of a found one: the same shape."""
-    finer = list(generate_finer_warm_ups(problem, candidate.mechanism))
-    yield from _weigh(finer, "shape", candidate.prior, candidate.kind)
+    own = candidate.mechanism
+    finer = list(generate_finer_warm_ups(problem, own))
+    prior = candidate.prior
+    kind = candidate.kind
+    yield from _weigh(finer, "shape", prior, kind)
 
 
 def _list_finer_bumps(problem: Problem, candidate: Candidate) -> Iterator[Rival]:

@@ -75,11 +75,17 @@ def fit_warm_up(problem: Problem, place: Place, course: Array) -> Mechanism | No
 
 def _measure_misfit(problem: Problem, warm_up: Mechanism, course: Array) -> float:
     """Measure what a warm-up and a constant leave of a course (m,)."""
-    own = warm_up.terms[0].screws[0].cause.of(problem.state)
-    columns = np.column_stack([np.asarray(own), np.ones_like(course)])
+    term = warm_up.terms[0]
+    cause = term.screws[0].cause
+    own = cause.of(problem.state)
+    values = np.asarray(own)
+    ones = np.ones_like(course)
+    columns = np.column_stack([values, ones])
     coefficients, *_ = np.linalg.lstsq(columns, course, rcond=None)
-    left = course - columns @ coefficients
-    return float(left @ left)
+    fitted = columns @ coefficients
+    left = course - fitted
+    square = left @ left
+    return float(square)
 
 
 def _generate(

@@ -63,8 +63,14 @@ class VisitedModels(NamedTuple):
         """Tell the steps of targets in the sets each by the targets that no other one of its set moves
         at once; the `chosen` set as it is."""
         now = tuple(sorted(chosen))
-        told = [one if one == now else steps.tell_apart(one) for one in self.sets]
-        return self._replace(sets=tuple(told))
+        told: list[tuple[int, ...]] = []
+        for one in self.sets:
+            apart = one
+            if one != now:
+                apart = steps.tell_apart(one)
+            told.append(apart)
+        sets = tuple(told)
+        return self._replace(sets=sets)
 
     @property
     def members(self) -> frozenset[int]:

@@ -312,7 +312,8 @@ def mechanism(name: str, robot: Robot | str, registry: Registry = BUILTIN) -> Me
         first.setdefault(built.name, built)
     if not first:
         raise StudyError(f'"{name}" does not apply to {robot.name}.')
-    return join_mechanisms(name, tuple(first.values()))
+    each = tuple(first.values())
+    return join_mechanisms(name, each)
 
 
 def join_mechanisms(name: str, each: Sequence[Mechanism]) -> Mechanism:

@@ -30,15 +30,22 @@ def choose_targets(given: str, targets: Sequence[str]) -> tuple[tuple[int, ...],
     """Choose the targets that `given` names, one or several that move alike, and what follows: the
     constant, if any. None where it names none."""
     known: dict[int, tuple[tuple[int, ...], str]] = {}
-    for start in reversed(_list_starts(given)):
+    starts = _list_starts(given)
+    starts.reverse()
+    for start in starts:
         known[start] = _choose_from(start, given, targets, known)
     return known[0]
 
 
 def _list_starts(given: str) -> list[int]:
     """List where the name of a target may begin."""
-    ends = range(len(JOINED), len(given) + 1)
-    return [0, *(end for end in ends if given.endswith(JOINED, 0, end))]
+    starts = [0]
+    place = given.find(JOINED)
+    while place >= 0:
+        start = place + len(JOINED)
+        starts.append(start)
+        place = given.find(JOINED, place + 1)
+    return starts
 
 
 def _choose_from(
@@ -54,7 +61,8 @@ def _choose_from(
         first = f"{target}{JOINED}"
         if not left.startswith(first):
             continue
-        others, constant = known[start + len(first)]
+        after = start + len(first)
+        others, constant = known[after]
         is_new = number not in others
         if others and is_new:
             return (number, *others), constant

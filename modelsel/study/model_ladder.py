@@ -99,9 +99,10 @@ def build_base(study: Study, split: Split, registry: Registry) -> Model:
     """Return the model that the study extends. Raises StudyError where the data lack what it, or a
     model of the study's ladder, depends on: nothing was computed by then."""
     problem = split.problem
-    for names in study.model.ladder:
+    asked = study.model
+    for names in asked.ladder:
         build_model(study, problem, registry, names)
-    base = study.model.base
+    base = asked.base
     moments = choose_moments(study, split, registry, base)
     return build_model(study, problem, registry, base, moments)
 

@@ -126,7 +126,9 @@ def add_columns(problems: Sequence[str], columns: str) -> list[str]:
     """Add a sentence on the `columns` that there are to the last of some problems with formulas, once
     for all of them."""
     *others, last = problems
-    return [*others, f"{last.rstrip()} {columns}"]
+    stem = last.rstrip()
+    told = f"{stem} {columns}"
+    return [*others, told]
 
 
 def describe_columns(data: Measurements) -> str:

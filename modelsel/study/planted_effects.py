@@ -62,9 +62,11 @@ def tell_cause_problems(
     malformed = list_formula_problems(study)
     problems = list_cause_problems(study, units, members)
     unknown = [k for k, problem in enumerate(problems) if problem not in malformed]
-    for last in unknown[-1:]:
-        told = add_columns([problems[last]], columns)
-        problems[last : last + 1] = told
+    if unknown:
+        last = unknown[-1]
+        until = last + 1
+        own = problems[last:until]
+        problems[last:until] = add_columns(own, columns)
     return problems
 
 
