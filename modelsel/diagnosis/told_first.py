@@ -85,10 +85,13 @@ def find_constant(found: Sequence[Candidate], g: int, evidence: Array) -> Candid
 def _differs_in_constant(own: Candidate, other: Candidate) -> bool:
     """Return whether a candidate of the same kind is one of the same shape, or mechanism, with another
     constant."""
+    if find_time_constant(own.mechanism) is not None:
+        drivers = read_drivers(own)
+        constant = find_time_constant(other.mechanism)
+        return constant is not None and read_drivers(other) == drivers
     if not _is_one_question(own, other):
         return False
-    constant = find_time_constant(own.mechanism)
-    if own.kind in WITH_CONSTANT or constant is not None:
+    if own.kind in WITH_CONSTANT:
         return True
     names = own.mechanism.names()
     return other.mechanism.names() != names
@@ -99,9 +102,6 @@ def _is_one_question(own: Candidate, other: Candidate) -> bool:
     if own.kind in WITH_CONSTANT:
         drivers = read_drivers(own)
         return read_drivers(other) == drivers
-    if find_time_constant(own.mechanism) is not None:
-        is_warm_up = find_time_constant(other.mechanism) is not None
-        return is_warm_up and read_drivers(other) == read_drivers(own)
     name = own.registered_name
     if name is None:
         return False
