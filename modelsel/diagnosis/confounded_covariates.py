@@ -1,10 +1,12 @@
 """What else changed when a covariate did, as rivals of a finding that depends on it.
 
 A temperature that was read once a session tells the sessions apart, as a joint that was set anew
-between them does; one that rose all day tells the time. Its finding stands against the same with a
-step between the sessions, with the course of the campaign, warming up with any constant, and with the
-course in time that the covariate was read off, in the covariate's place: together these are as probable
-beforehand, and the data decide as far as the covariate went another way. A finding that depends on time
+between them does; a load that was carried on one day tells that day, as another tool does; a temperature
+that rose all day tells the time. Its finding stands against the same with a step between the sessions,
+with one where the covariate jumps, which is taken back where that returns, with the course of the
+campaign, warming up with any constant, and with the course in time that the covariate was read off, in
+the covariate's place: together these are as probable beforehand, and the data decide as far as the
+covariate went another way. A finding that depends on time
 stands in the same way against what depends on a covariate that went with it."""
 
 from __future__ import annotations
@@ -16,32 +18,29 @@ from typing import NamedTuple
 import numpy as np
 
 from .._typing import Array
-from ..exceptions import write_percent
 from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
-from ..mechanisms.causes import Applied, Cause, Combined, Named, Number
+from ..mechanisms.causes import Applied, Bump, Cause, Combined, Named, Number
 from ..mechanisms.environment import PROGRESS, step_after
 from ..mechanisms.motors import joint_axis
-from ..mechanisms.terms import Mechanism, Term
+from ..mechanisms.terms import Mechanism, Screw, Term
 from .candidate_kinds import CandidateKind
+from .covariate_jumps import MOST_STEPS, find_stretch, list_moments, measure_jumps
 from .driver_functions import IN_TIME
-from .session_steps import list_changes, round_between
 from .unregistered import WARM_UP_SHARES, build_warm_ups, choose_clock
 from .warm_ups import WARM_UPS
 
 # share of a covariate's variance, explained by the sessions and the course of the campaign, from which
 # it is one that these may stand for: one that was drawn for every row is none
 CONFOUNDED = 0.7
-# terms of a finding, and steps, at most
-MOST_TERMS, MOST_STEPS = 8, 6
+# terms of a finding, at most
+MOST_TERMS = 8
 # power of the course of the campaign that a covariate may go with
 MOST_POWER = 3
 # of the largest, below which courses are told as alike
 SMOOTH = 1e-6
 # rows of a session, on average, from which its mean says something
 FEWEST_ROWS = 4
-# share of a covariate's range by which it jumps
-JUMP = 0.4
 
 
 class Confounded(NamedTuple):
@@ -55,12 +54,14 @@ class Confounded(NamedTuple):
 
 def generate_confounded(problem: Problem, found: Mechanism) -> Iterator[Confounded]:
     """Generate a finding's terms with what else changed in the place of its covariate, by sorts: steps
-    between sessions; time and warming up; the covariate's own course in time; in the place of time a
-    covariate's course, alone and with its square. None where it has no covariate, or one that went its
+    between sessions; a stretch that the covariate tells from the rest; time and warming up; the covariate's
+    own course in time; in the place of time a covariate's course, alone and with its square. None where it has no covariate, or one that went its
     own way. Courses that are fitted to the covariate are named in words: their formulas are long."""
     name = find_confounded(problem, found)
-    count = len(found.terms)
-    if name is None or count > MOST_TERMS:
+    if name is None:
+        return
+    found = _straighten(problem, found, name)
+    if len(found.terms) > MOST_TERMS:
         return
     if name not in found.names():
         apart = _count_from_middle(problem, name)
@@ -70,12 +71,17 @@ def generate_confounded(problem: Problem, found: Mechanism) -> Iterator[Confound
         bent = _put_in_time(found, [apart, square], f"{words} and its square")
         yield Confounded([linear, bent], CandidateKind.COURSE, name)
         return
-    moments = _list_moments(problem.data, name)
+    moments = list_moments(problem.data, name)
     if moments:
         steps = [step_after(moment) for moment, _ in moments]
         stepping = _put(found, name, steps)
-        told = _tell_steps(problem, stepping, moments)
-        yield Confounded([replace(stepping, sentence=told)])
+        when = moments[0][1] if len(moments) == 1 else "in every session"
+        yield Confounded([_tell_steps(problem, stepping, when)])
+    stretch = find_stretch(problem.data, name)
+    if stretch is not None and len(moments) != 1:
+        stepping = _put(found, name, [stretch.course])
+        named = _name_in_words(stepping, f"what changed {stretch.when}")
+        yield Confounded([_tell_steps(problem, named, stretch.when)], CandidateKind.COURSE)
     in_time = list(_generate_in_time(problem, found, name))
     if in_time:
         is_plain = _is_straight(problem, found, name)
@@ -84,6 +90,20 @@ def generate_confounded(problem: Problem, found: Mechanism) -> Iterator[Confound
     smooth = _smooth(problem, name)
     alike = _put_value(found, name, smooth, _name_course(name))
     yield Confounded([alike], CandidateKind.COURSE)
+
+
+def _straighten(problem: Problem, found: Mechanism, name: str) -> Mechanism:
+    """Return a free function of a covariate at one place as one that is straight: no other course takes
+    the covariate's place in its splines."""
+    places = list(found.names_by_place())
+    causes = [screw.cause for term in found.terms for screw in term.screws]
+    is_free = all(isinstance(cause, Bump) for cause in causes)
+    if not is_free or len(places) > 1 or found.names() != {name}:
+        return found
+    units = problem.names()
+    screw = Screw(*places[0], Named(name, units[name]))
+    term = Term("m", (screw,))
+    return Mechanism(found.name, (term,))
 
 
 def _name_course(name: str) -> str:
@@ -158,46 +178,21 @@ def find_confounded(problem: Problem, found: Mechanism) -> str | None:
     return max(likely, key=likely.__getitem__, default=None)
 
 
-def _list_moments(data: Measurements, name: str) -> list[tuple[float, str]]:
-    """List the moments where sessions meet, or else those where a covariate jumps, each with what begins
-    there in words; none of many."""
-    moments = list_changes(data) or list(_list_jumps(data, name))
-    if len(moments) > MOST_STEPS:
-        return []
-    return moments
-
-
-def _list_jumps(data: Measurements, name: str) -> Iterator[tuple[float, str]]:
-    """List the moments where a covariate jumps, in words, too."""
-    order = np.argsort(data.progress, kind="stable")
-    progress = data.progress[order]
-    values = data.covariates[name][order]
-    least = JUMP * np.ptp(values)
-    size = np.abs(np.diff(values))
-    for k in np.flatnonzero(size > least):
-        before, after = progress[k : k + 2]
-        moment = round_between(before, after)
-        share = write_percent(moment, 1)
-        yield moment, f"after {share} of the campaign"
-
-
-def _tell_steps(problem: Problem, stepping: Mechanism, moments: Sequence[tuple[float, str]]) -> str:
+def _tell_steps(problem: Problem, stepping: Mechanism, when: str) -> Mechanism:
     """Tell steps of one joint's reading; of any other place their formula does."""
     places = list(stepping.names_by_place())
     frame, axis = places[0]
     is_one = len(places) == 1 and frame <= problem.robot.n
     is_joint = is_one and axis == joint_axis(problem.robot, frame)
     if not is_joint or stepping.names() != {"progress"}:
-        return ""
-    when = "in every session"
-    if len(moments) == 1:
-        _, when = moments[0]
-    return f"The zero of joint {frame} is another one {when}."
+        return stepping
+    sentence = f"The zero of joint {frame} is another one {when}."
+    return replace(stepping, sentence=sentence)
 
 
 def _measure_confounded(problem: Problem, name: str) -> float:
     """Measure the share of a covariate's variance that sessions and the course of the campaign explain:
-    a curve in time, or a warm-up, whichever explains more."""
+    a curve in time, a warm-up, or few jumps, whichever explains more."""
     data = problem.data
     values = data.covariates[name]
     powers = np.arange(1, MOST_POWER + 1)
@@ -207,6 +202,11 @@ def _measure_confounded(problem: Problem, name: str) -> float:
         course = np.asarray(warm_up.of(problem.state))
         column = course[:, None]
         share = _measure_share(data, values, column)
+        largest = max(largest, share)
+    moments = [moment for moment, _ in measure_jumps(data, name)]
+    if 0 < len(moments) <= MOST_STEPS:
+        passed = data.progress[:, None] > np.array(moments)
+        share = _measure_share(data, values, passed.astype(float))
         largest = max(largest, share)
     return largest
 

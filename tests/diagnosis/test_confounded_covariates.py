@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from builders import OFF_AXIS, bind
+from builders import OFF_AXIS, bind, seeds
 from exact import flanges_of
 from searches import search_separated
 
@@ -19,7 +19,9 @@ from modelsel.diagnosis.confounded_covariates import (
     substitute_time,
     substitute_value,
 )
+from modelsel.diagnosis.covariate_jumps import find_stretch
 from modelsel.diagnosis.driver_functions import IN_TIME
+from modelsel.diagnosis.free_functions import build_function
 from modelsel.diagnosis.name_legend import explain_names
 from modelsel.diagnosis.sentences import describe_candidate
 from modelsel.diagnosis.signatures import LEVELS, PROVEN
@@ -111,6 +113,66 @@ def test_steps_between_sessions_are_rivals(rng: np.random.Generator) -> None:
         stepping.sentence
         == f'The zero of joint {ZERO} is another one from the group "session 1" on.'
     )
+
+
+def carry(begins: int, ends: int) -> np.ndarray:
+    """1 on some rows, 0 on the others."""
+    rows = np.arange(ROWS)
+    return ((rows >= begins) & (rows < ends)).astype(float)
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize("sessions", [1, 4])
+def test_a_stretch_that_a_covariate_tells_from_the_rest_is_a_rival(
+    sessions: int, rng: np.random.Generator
+) -> None:
+    """One number, whatever the sessions, and of a free function of the covariate, too."""
+    there = carry(50, 75)
+    at = measure(21 + 3.5 * there + rng.normal(0, 0.1, ROWS), np.zeros(ROWS), sessions, rng)
+    thermal = mechanism(f"thermal-zero:{ZERO}", ARM)
+    free = build_function(at, (ZERO, "rz"), "temperature_C", 6)
+    for found in (thermal, free):
+        assert find_confounded(at, found) == "temperature_C"
+        told = [one for (one, *_) in list_sorts(at, found) if "between" in one.sentence]
+        (stretch,) = told
+        (term,) = stretch.terms
+        cause = term.screws[0].cause
+        np.testing.assert_array_equal(cause.of(at.state), there)
+        assert stretch.sentence == (
+            f"The zero of joint {ZERO} is another one between 50.0 % and 75.0 % of the campaign."
+        )
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize("levels", [(0, 1, 2, 1), (0, 1, 0, 1), (0, 1, 2, 3)])
+def test_a_covariate_that_changes_otherwise_tells_no_stretch(
+    levels: tuple[int, ...], rng: np.random.Generator
+) -> None:
+    values = np.repeat(np.array(levels, float), ROWS // 4)
+    at = measure(20 + values, np.zeros(ROWS), 4, rng)
+    assert find_stretch(at.data, "temperature_C") is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sessions", [1, 4])
+@seeds(1, 2)
+def test_what_was_another_one_for_a_while_is_not_proven_to_follow_what_changed_then(
+    sessions: int, rng: np.random.Generator
+) -> None:
+    """A zero was set anew, and back, on the one day that was warm; the temperature does nothing."""
+    there = carry(50, 75)
+    warm = 21 + rng.uniform(2, 5) * there + rng.normal(0, 0.1, ROWS)
+    at = measure(warm, rng.uniform(3e-4, 5e-4) * there, sessions, rng)
+    base = Model((mechanism("geometric", ARM),))
+    found = search_separated(at, base, build_candidates(at, base, every(ARM)))
+    assert found.effects
+    for effect in found.effects:
+        assert effect.claim is not None
+        claimed = dict(zip(LEVELS, effect.claim.levels, strict=True))
+        drivers = dict(effect.claim.drivers)
+        assert drivers.get("temperature_C", 0.0) < PROVEN
+        follows = "temperature_C" in effect.candidate.mechanism.names()
+        assert not follows or claimed["drivers"] < PROVEN
 
 
 def warm_up(constant: float) -> np.ndarray:
