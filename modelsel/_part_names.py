@@ -17,6 +17,8 @@ INSTRUMENT = "instrument"
 ALONG_AXES = tuple(f"{INSTRUMENT} {axis}" for axis in "xyz")
 ALONG_LINE, ACROSS_LINE = f"{INSTRUMENT} range", f"{INSTRUMENT} angle"
 INSTRUMENT_PARTS = (*ALONG_AXES, ALONG_LINE, ACROSS_LINE)
+# and its errors at one target, or in one group, beyond those at all, before the name of that
+AT_TARGET, IN_GROUP = f"{INSTRUMENT} target ", f"{INSTRUMENT} group "
 
 
 def check_part_names(parts: str | Sequence[str], fixed: Collection[str]) -> None:
@@ -24,6 +26,11 @@ def check_part_names(parts: str | Sequence[str], fixed: Collection[str]) -> None
     listed = [] if parts == "all" else list(parts)
     _check_known("parts", listed, (JOINTS, INSTRUMENT, *INSTRUMENT_PARTS, *SHARED_PARTS))
     for name in fixed:
+        if is_of_rows(name):
+            raise ValueError(
+                f'"{name}" cannot be fixed; state what the instrument has in each row: sx_mm, sy_mm and '
+                "sz_mm beside the measurements"
+            )
         if name in (INSTRUMENT, *INSTRUMENT_PARTS):
             raise ValueError(
                 f'"{name}" cannot be fixed; state what the instrument has in each direction: sx_mm, sy_mm '
@@ -50,11 +57,30 @@ def check_planted_names(parts: Iterable[str]) -> None:
     _check_known("parts", parts, known)
 
 
+def is_of_instrument(name: str) -> bool:
+    """Whether a part is one that the instrument has in some directions or rows beyond all others."""
+    return name in INSTRUMENT_PARTS or is_of_rows(name)
+
+
+def is_of_rows(name: str) -> bool:
+    """Whether a part is one that the instrument has at one target or in one group."""
+    return name_rows(name) != ""
+
+
+def name_rows(name: str) -> str:
+    """Return the name of the target or group at which the instrument has a part; empty where it has
+    it everywhere."""
+    for kind in (AT_TARGET, IN_GROUP):
+        if name.startswith(kind):
+            return name.removeprefix(kind)
+    return ""
+
+
 def is_named(name: str, names: Sequence[str]) -> bool:
     """Whether names hold that of a part, or "joints" or "instrument", which are all of a kind."""
     if name in names:
         return True
-    if name in INSTRUMENT_PARTS:
+    if is_of_instrument(name):
         return INSTRUMENT in names
     return JOINTS in names and JOINT_PART.fullmatch(name) is not None
 
@@ -67,7 +93,7 @@ def list_joints(names: Iterable[str]) -> dict[str, int]:
 
 def _check_known(key: str, names: Iterable[str], known: Sequence[str]) -> None:
     for name in names:
-        if name in known or JOINT_PART.fullmatch(name) is not None:
+        if name in known or is_of_rows(name) or JOINT_PART.fullmatch(name) is not None:
             continue
         number = re.search(r"[1-9][0-9]*", name)
         joint = f"joint {number[0] if number else 1}"

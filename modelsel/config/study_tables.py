@@ -279,7 +279,8 @@ class NoiseTable(FrozenTable):
         default="all",
         description='Parts of the errors that may be looked for: "joint 2", "joints" (every joint), '
         '"instrument z" (more noise along z), "instrument range" and "instrument angle" (along and '
-        'across the line of sight), "instrument" (each of these), "configuration", "group", "lasting"; '
+        'across the line of sight), "instrument target B" and "instrument group s2" (more noise there), '
+        '"instrument" (each of these), "configuration", "group", "lasting"; '
         "[]: none.",
     )
     fixed: dict[str, Scale] = Field(

@@ -23,7 +23,7 @@ from .._typing import Say
 from ..fitting.design import Model
 from ..fitting.error_structure import ErrorStructure, find_structure
 from ..fitting.least_squares import Fit, fit
-from ..fitting.possible_parts import DIRECTIONS, ORDER, PossiblePart
+from ..fitting.possible_parts import ORDER, UNSURE, PossiblePart
 from ..fitting.problem import Problem
 from ..fitting.shrinkage import fit_shrunk
 from ..fitting.splines import spline
@@ -143,11 +143,11 @@ class _Separation:
     def explain(self, known: tuple[Candidate, ...] = ()) -> _Explanation:
         """Explain the data by effects and errors; what may be either is decided by the criterion.
         `known`: effects that the search starts from."""
-        sure = self.find_parts(self.base_fit, DIRECTIONS)
+        sure = self.find_parts(self.base_fit, *UNSURE)
         best = self.search(sure, known)
         if best.left.shared:
             every = self.find_parts(self.base_fit, before=sure)
-            if every.tells(DIRECTIONS):
+            if every.tells(*UNSURE):
                 best = self._improve(best)
                 best = min(
                     best, self.search(every, best.explored.chosen), key=lambda one: one.criterion

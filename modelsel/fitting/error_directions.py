@@ -24,7 +24,7 @@ LEAST_LEFT = 1e-3
 def compute_alignment_p(at: Likelihood, part: SharedError) -> float:
     """Compute how often errors of these lengths, in random directions, lie along a part as much as
     those of a likelihood without it do."""
-    u, k = _standardise(at, part)
+    u, k = standardise_errors(at, part)
     spanned = k.shape[2]
     along = np.square(np.einsum("mc,mcr->mr", u, k)).sum(1)
     squares = np.square(k).sum((1, 2)) / spanned
@@ -61,7 +61,7 @@ def _find_moments(count: int, spanned: int) -> tuple[float, float, float]:
     return mean, variance, central
 
 
-def _standardise(at: Likelihood, part: SharedError) -> tuple[Array, Array]:
+def standardise_errors(at: Likelihood, part: SharedError) -> tuple[Array, Array]:
     """Return every row's error u (m, c), of equal variance in all directions where there is no such
     part, and what the part does to it, k (m, c, r)."""
     value, vector = np.linalg.eigh(_list_variances(at))

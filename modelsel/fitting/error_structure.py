@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._linalg import TINY
-from .._part_names import INSTRUMENT, INSTRUMENT_PARTS
+from .._part_names import INSTRUMENT, is_of_instrument
 from .._typing import Index, Mask
 from .design import compute_design
 from .largest_likelihood import maximise_likelihood
@@ -83,17 +83,17 @@ class ErrorStructure:
         """Names of the parts beyond the instrument."""
         return tuple(part.name for part in self.parts[1:])
 
-    def tells(self, by: str) -> bool:
-        """Whether there is a part that `by` identifies."""
-        return any(part.told_by == by for part in self.parts)
+    def tells(self, *by: str) -> bool:
+        """Whether there is a part that one of `by` identifies."""
+        return any(part.told_by in by for part in self.parts)
 
     def without(self, by: str) -> ErrorStructure:
         """Return the parts without those that `by` identifies."""
         return self._keep([part.told_by != by for part in self.parts])
 
     def without_instrument(self) -> ErrorStructure:
-        """Return the parts without those that the instrument has in some directions."""
-        return self._keep([part.name not in INSTRUMENT_PARTS for part in self.parts])
+        """Return the parts without those that the instrument has in some directions or rows."""
+        return self._keep([not is_of_instrument(part.name) for part in self.parts])
 
     def of_instrument(self) -> ErrorStructure:
         """Return the instrument's parts alone, which every row has by itself."""

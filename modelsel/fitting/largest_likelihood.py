@@ -249,11 +249,17 @@ def _choose_most(parts: Sequence[SharedError]) -> float:
     """Choose how many times the mean square of ε a part's may be."""
     if any(part.time is not None for part in parts):
         return MOST_OF_ALL
-    levels = [len(np.unique(part.level)) for part in parts]
+    levels = [_count_levels(part) for part in parts]
     draws = sum(count * part.loading.shape[2] for count, part in zip(levels, parts, strict=True))
     finest = parts[int(np.argmax(levels))]
     has_few = draws <= FEW_DRAWS * _count_motions(finest)
     return MOST_OF_FEW if has_few else MOST_OF_ALL
+
+
+def _count_levels(part: SharedError) -> int:
+    """Count the levels of a part that move rows: some have it at one target alone."""
+    is_moved = part.loading.any(axis=(1, 2))
+    return len(np.unique(part.level[is_moved]))
 
 
 def _count_motions(part: SharedError) -> int:

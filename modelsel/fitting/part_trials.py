@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from .error_directions import compute_alignment_p
+from .error_sizes import compute_size_p
 from .largest_likelihood import maximise_likelihood
 from .possible_parts import DIRECTIONS, PossiblePart
 from .restricted_likelihood import Likelihood, evaluate_likelihood
@@ -151,10 +152,19 @@ def _score_parts(
         if (one.name, one.told_by) in names:
             continue
         score = _score(at, one)
-        if score is not None:
-            scores.append(score)
+        if score is None or _is_chance(at, one):
+            continue
+        scores.append(score)
     scores.sort(key=lambda score: -score.most)
     return scores
+
+
+def _is_chance(at: Likelihood, part: PossiblePart) -> bool:
+    """Whether chance may give rows that a part would make larger than others sizes like theirs."""
+    if part.compared is None:
+        return False
+    p = compute_size_p(at, part.error, part.compared)
+    return part.tests * p > LEVEL
 
 
 class _Score(NamedTuple):

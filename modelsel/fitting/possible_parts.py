@@ -1,7 +1,7 @@
 """The parts that the errors of a campaign may have, as far as its rows can identify them.
 
 Each joint may not repeat, one draw a visit, shared by all targets; the instrument may err more in one
-direction than in others; the rows of one visit, of one posture or of one group may share an error; and
+direction than in others, or at one target or in one group; the rows of one visit, of one posture or of one group may share an error; and
 an error may last along the order of motion."""
 
 from __future__ import annotations
@@ -12,12 +12,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .._linalg import TINY
-from .._part_names import ACROSS_LINE, ALONG_AXES, ALONG_LINE, INSTRUMENT_PARTS, is_named
+from .._part_names import (
+    ACROSS_LINE,
+    ALONG_AXES,
+    ALONG_LINE,
+    AT_TARGET,
+    IN_GROUP,
+    INSTRUMENT_PARTS,
+    is_named,
+)
 from .._typing import Array, Index, Mask
 from ..measurements.measurements import Measurements
 from ..mechanisms.causes import ONE
 from ..mechanisms.terms import Screw, Term
 from .design import assemble
+from .error_sizes import Comparison
 from .problem import Problem
 from .shared_errors import MAX_BLOCK, SharedError
 
@@ -26,12 +35,20 @@ GIVEN = "given"
 # the directions of single rows' errors: those in which a joint moves one target, where no posture was
 # measured again, and those in which the instrument errs most
 DIRECTIONS = "directions"
+# the sizes of single rows' errors, which are larger at one target or in one group than at others
+SIZES = "sizes"
+# what an effect that is not named yet may tell as well
+UNSURE = (DIRECTIONS, SIZES)
 # the order of motion, for an error that lasts
 ORDER = "order"
 # draws that a part needs, rows beyond the first of their configuration, and groups
 MIN_LEVELS = 20
 MIN_EXCESS = 10
 MIN_GROUPS = 5
+# rows of a target, or configurations of a group, that are compared with as many others at least, and
+# targets or groups that are compared at most
+MIN_COMPARED = 10
+MAX_COMPARED = 12
 # correlation lengths of a lasting error, in visits, and how many of them count as one test each
 LENGTHS = (0.7, 1.4, 3.0, 6.0, 12.0, 25.0, 50.0)
 LASTING_TESTS = 3
@@ -46,10 +63,11 @@ MIN_LOADING = 1e-3
 class PossiblePart:
     """A part that the errors may have.
 
-    name: "joint 2", "instrument z", "configuration", "group" or "lasting"; unit: that of its scale;
+    name: "joint 2", "instrument z", "instrument target B", "configuration", "group" or "lasting"; unit: that of its scale;
     square: mean square [mm²] over the rows of the target's displacement by one unit; told_by: what
     distinguishes it from others; tests: how many tests it counts for; even: noise alike in all rows,
-    none of which share it, that must not tell the data as well."""
+    none of which share it, that must not tell the data as well; compared: the rows whose sizes tell it,
+    and with which."""
 
     name: str
     unit: str
@@ -58,11 +76,13 @@ class PossiblePart:
     told_by: str
     tests: int = 1
     even: SharedError | None = None
+    compared: Comparison | None = None
 
     def take(self, rows: Index) -> PossiblePart:
         """Return the part of some rows."""
         even = None if self.even is None else self.even.take(rows)
-        return replace(self, error=self.error.take(rows), even=even)
+        compared = None if self.compared is None else self.compared.take(rows)
+        return replace(self, error=self.error.take(rows), even=even, compared=compared)
 
 
 def list_parts(problem: Problem, training: Mask) -> tuple[PossiblePart, ...]:
@@ -79,6 +99,7 @@ def list_parts(problem: Problem, training: Mask) -> tuple[PossiblePart, ...]:
     listed = (
         *_list_joints(problem, data),
         *_list_instrument(problem, loading),
+        *_list_louder(problem.data, data, loading),
         *_list_shared(problem, data, loading),
         *_list_lasting(problem, data, training, loading),
     )
@@ -195,6 +216,47 @@ def _build_own(name: str, unit: str, loading: Array, square: float) -> PossibleP
     error = SharedError(by_row, own_level)
     tests = len(INSTRUMENT_PARTS)
     return PossiblePart(name, unit, error, square, DIRECTIONS, tests)
+
+
+def _list_louder(data: Measurements, seen: Measurements, loading: Array) -> list[PossiblePart]:
+    """List the targets and the groups at which the instrument may err more than at others; those of
+    a kind are one test together."""
+    _, visits = np.unique(seen.configuration, return_index=True)
+    targets = _choose_compared(seen.target)
+    groups = _choose_compared(seen.group[visits])
+    every_row = np.arange(len(data))
+    found = []
+    for number in targets:
+        name = AT_TARGET + data.targets[number]
+        compared = Comparison(data.target == number, every_row, data.configuration)
+        found.append(_build_louder(name, loading, compared, len(targets)))
+    for number in groups:
+        name = IN_GROUP + data.groups[number]
+        compared = Comparison(data.group == number, data.configuration, data.block)
+        found.append(_build_louder(name, loading, compared, len(groups)))
+    return found
+
+
+def _choose_compared(seen: Index) -> list[int]:
+    """Choose the numbers among those `seen` of which there are enough, and enough others; none where
+    they are many."""
+    numbers, count = np.unique(seen, return_counts=True)
+    if len(numbers) > MAX_COMPARED:
+        return []
+    fewer = np.minimum(count, len(seen) - count)
+    is_compared = fewer >= MIN_COMPARED
+    chosen: list[int] = numbers[is_compared].tolist()
+    return chosen
+
+
+def _build_louder(name: str, loading: Array, compared: Comparison, tests: int) -> PossiblePart:
+    """Build more noise in the rows that are compared, a draw of its own for each."""
+    own_level = np.arange(len(loading))
+    is_louder = compared.is_larger
+    by_row = loading * is_louder[:, None, None]
+    error = SharedError(by_row, own_level)
+    square = 3 * float(is_louder.mean())
+    return PossiblePart(name, "mm", error, square, SIZES, tests, compared=compared)
 
 
 def _span_across(u: Array) -> Array:

@@ -9,7 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from .._part_names import ACROSS_LINE, ALONG_AXES, ALONG_LINE, INSTRUMENT, INSTRUMENT_PARTS
+from .._part_names import (
+    ACROSS_LINE,
+    ALONG_AXES,
+    ALONG_LINE,
+    AT_TARGET,
+    INSTRUMENT,
+    INSTRUMENT_PARTS,
+    is_of_instrument,
+    is_of_rows,
+    name_rows,
+)
 from .._typing import Array
 from ..diagnosis.sentences import choose_prefix
 from ..exceptions import sentence_list, write_rounded
@@ -63,8 +73,8 @@ def measure_unrepeated(errors: ErrorStructure, floor: Floor) -> float:
     if floor.source == REPEATS:
         parts = tuple(part for part in parts if (part.name, part.told_by) in SHARED_BY_REPEATS)
     else:
-        # the floor is all that the instrument has, in whatever direction
-        parts = tuple(part for part in parts if part.name not in INSTRUMENT_PARTS)
+        # the floor is all that the instrument has, in whatever direction and row
+        parts = tuple(part for part in parts if not is_of_instrument(part.name))
     squares = [part.at_target**2 for part in parts]
     return float(np.sqrt(sum(squares)))
 
@@ -75,6 +85,8 @@ def describe_errors(
     """Return result.json's `repeatability`: the parts of what is left, the largest share first;
     `rounding`: of the readings of joints, by the names of their parts."""
     parts = sorted(errors.parts, key=lambda part: -part.share)
+    scales = {part.name: part.scale for part in parts}
+    even = scales.get(INSTRUMENT, 0.0)
     return [
         {
             "part": part.name,
@@ -85,7 +97,7 @@ def describe_errors(
             "share": part.share,
             "told_by": part.told_by,
             "instead": list(part.instead),
-            "sentence": _describe_part(part, len(parts) == 1, rounding.get(part.name)),
+            "sentence": _describe_part(part, len(parts) == 1, even, rounding.get(part.name)),
         }
         for part in parts
     ]
@@ -95,13 +107,16 @@ def describe_errors(
 # --------------------------------------------------------------------------------------------------------------------
 
 
-def _describe_part(part: ErrorPart, is_alone: bool, rounding: Rounding | None) -> str:
-    """Return one part in words: how large it is, what it does, and what else would look like it."""
+def _describe_part(part: ErrorPart, is_alone: bool, even: float, rounding: Rounding | None) -> str:
+    """Return one part in words: how large it is, what it does, and what else would look like it;
+    `even`: what the instrument has in all directions and rows [mm]."""
     size = _describe_scale(part)
     moved = f"{round_digits(part.at_target)} mm"
     effect = f"{moved} at the target, {describe_share(part.share)} of what is left"
-    if part.name == INSTRUMENT:
-        return _describe_alone(size, moved) if is_alone else _describe_instrument(size, effect)
+    if part.name == INSTRUMENT and is_alone:
+        return _describe_alone(size, moved)
+    if part.name in (INSTRUMENT, *INSTRUMENT_PARTS):
+        return _describe_instrument(part, size, effect)
     if part.name == "configuration":
         return _describe_shared(part, size, effect)
     if part.name == "group":
@@ -111,8 +126,8 @@ def _describe_part(part: ErrorPart, is_alone: bool, rounding: Rounding | None) -
         )
     if part.name == "lasting":
         return _describe_lasting(part, size, effect)
-    if part.name in INSTRUMENT_PARTS:
-        return _describe_direction(part, size, effect)
+    if is_of_rows(part.name):
+        return _describe_louder(part, size, even)
     return _describe_joint(part, size, effect) + _explain_by_rounding(part, rounding)
 
 
@@ -124,7 +139,10 @@ def _describe_alone(size: str, moved: str) -> str:
     )
 
 
-def _describe_instrument(size: str, effect: str) -> str:
+def _describe_instrument(part: ErrorPart, size: str, effect: str) -> str:
+    """Return what the instrument leaves in all directions, or in one of them beyond that."""
+    if part.name in INSTRUMENT_PARTS:
+        return _describe_direction(part, size, effect)
     return f"The instrument, and whatever else is independent from row to row, leaves {size}: {effect}."
 
 
@@ -155,6 +173,29 @@ def _describe_direction(part: ErrorPart, size: str, effect: str) -> str:
         f"independent from row to row: {effect}. An error of the model in that direction, which no "
         "candidate describes, would look the same."
     )
+
+
+def _describe_louder(part: ErrorPart, size: str, even: float) -> str:
+    """Return which target or group is measured with more noise, how much it has, and what else would
+    look so."""
+    rows = _name_rows(part.name)
+    own = float(np.hypot(part.scale, even))
+    factor, unit = _choose_unit(own, "mm")
+    figure, usual = round_digits(own / factor), round_digits(even / factor)
+    share = describe_share(part.share)
+    which = f"{rows[0].upper()}{rows[1:]}"
+    where = "at" if part.name.startswith(AT_TARGET) else "in"
+    return (
+        f"{which} is measured with more noise than others, and weighs less: {figure} {unit} per coordinate "
+        f"beside {usual} {unit}. That is a further {size}, independent from row to row: {share} of what is "
+        f"left. An error of the model {where} {rows}, which no candidate describes, would look the same."
+    )
+
+
+def _name_rows(part: str) -> str:
+    """Name the target or group of a part, as in target B."""
+    kind = "target" if part.startswith(AT_TARGET) else "group"
+    return f"{kind} {name_rows(part)}"
 
 
 def _describe_lasting(part: ErrorPart, size: str, effect: str) -> str:
@@ -245,6 +286,9 @@ def describe_share(share: float) -> str:
 
 def label_part(part: ErrorPartRecord) -> str:
     """Return what a table calls a part."""
+    if is_of_rows(part.part):
+        where = "at" if part.part.startswith(AT_TARGET) else "in"
+        return f"more noise {where} {_name_rows(part.part)}"
     return LABELS.get((part.part, part.told_by), part.part)
 
 

@@ -118,7 +118,8 @@ class ErrorPartRecord(StrictRecord):
     part: Text = Field(
         description="`instrument`, `instrument z` (along an axis of the measurements' frame, beyond its "
         "errors in all directions), `instrument range` and `instrument angle` (along and across the "
-        "line from it), `joint 2`, `configuration`, `group` or `lasting`"
+        "line from it), `instrument target B` and `instrument group s2` (beyond those of other targets "
+        "or groups), `joint 2`, `configuration`, `group` or `lasting`"
     )
     scale: Size = Field(
         description="standard deviation: for a joint, of its position; for `instrument angle`, of each "
@@ -132,7 +133,7 @@ class ErrorPartRecord(StrictRecord):
     )
     told_by: Text = Field(
         description="what identifies it: `repeats` of a posture, several `targets` of a configuration, "
-        "`directions` alone, `groups`, `order` of motion; for the instrument `what is left`; "
+        "`directions` alone, `sizes` of single rows' errors, `groups`, `order` of motion; for the instrument `what is left`; "
         "`given` if `[noise.fixed]` states it"
     )
     instead: list[Text] = Field(

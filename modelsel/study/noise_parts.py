@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
-from .._part_names import ACROSS_LINE, ALONG_LINE, JOINTS, is_named, list_joints
+from .._part_names import (
+    ACROSS_LINE,
+    ALONG_LINE,
+    AT_TARGET,
+    JOINTS,
+    is_named,
+    is_of_rows,
+    list_joints,
+    name_rows,
+)
 from ..config.study_file import Study
 from ..config.study_tables import NoiseTable
 from ..exceptions import StudyError, count_words
-from ..fitting.possible_parts import MIN_GROUPS, MIN_LEVELS, list_parts
+from ..fitting.possible_parts import MAX_COMPARED, MIN_COMPARED, MIN_GROUPS, MIN_LEVELS, list_parts
 from ..notices import Note
 from ..robot.kinematics import Robot
 from ..selection.evaluation import Split
@@ -89,8 +98,23 @@ def _describe_untold(name: str, split: Split) -> str:
     reason = WHAT_WOULD_TELL.get(name, "it does not move the target")
     if name == JOINTS:
         reason = "none moves the target"
+    if is_of_rows(name):
+        reason = _describe_untold_rows(name, split)
     if data.configurations < MIN_LEVELS:
         reason = f"it takes {MIN_LEVELS} configurations; {data.configurations} estimate"
     if not split.problem.only_points:
         reason = "rows that are not points tell none"
     return f'[noise] names "{name}", which these data cannot tell: {reason}. It is left out.'
+
+
+def _describe_untold_rows(name: str, split: Split) -> str:
+    """Describe what it takes to tell more noise at one target, or in one group."""
+    what, plural, unit, there = "group", "groups", "configurations", split.problem.data.groups
+    if name.startswith(AT_TARGET):
+        what, plural, unit, there = "target", "targets", "rows", split.problem.data.targets
+    if name_rows(name) not in there:
+        return f"there is no such {what}"
+    return (
+        f"it takes {MIN_COMPARED} estimating {unit} of that {what}, as many of others, and no more than "
+        f"{MAX_COMPARED} {plural}"
+    )

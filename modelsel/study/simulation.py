@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._part_names import AT_TARGET
 from .._random import generator
 from .._typing import Array
 from ..config.study_file import Study, find_source
@@ -34,7 +35,7 @@ from .noise_parts import check_parts
 from .own_causes import describe_columns
 from .planted_effects import list_frame_problems, tell_cause_problems
 from .preparation import arrange_tools
-from .unrepeated import NOTHING, Unrepeated, draw_unrepeated
+from .unrepeated import NOTHING, Unrepeated, check_planted_rows, draw_unrepeated
 from .whole_study import open_study
 
 if TYPE_CHECKING:
@@ -83,23 +84,21 @@ def _simulate(study: Study, folder: Path, robot: Robot) -> pd.DataFrame:
         rows = apply_known_features(measured, features)
         tools = arrange_tools(study.robot, rows)
         return simulate_readings(robot, tools, effects, data=rows, noise_mm=noise_mm, rng=rng)
-    simulate = partial(
-        simulate_points,
-        robot,
-        effects=effects,
-        noise_mm=noise_mm,
-        rng=rng,
-        unrepeated=draw_unrepeated(study.simulate, configurations, rng),
-    )
+    check_planted_rows(study.simulate, targets, configurations.groups)
+    unrepeated = draw_unrepeated(study.simulate, configurations, rng)
+    simulate = partial(simulate_points, robot, effects=effects, noise_mm=noise_mm, rng=rng)
+    more = [study.simulate.parts.get(f"{AT_TARGET}{name}", 0.0) for name in targets]
     if tools_mm:
         tools = np.array(list(tools_mm.values()))
         frames = {}
         for number, name in enumerate(targets):
             at = _give_target(configurations, number, targets)
-            frames[name] = simulate(tools, at=at)
+            own = unrepeated.raise_noise(more[number])
+            frames[name] = simulate(tools, at=at, unrepeated=own)
         return _interleave(frames)
     tool_mm = table.tool_mm or (0.0, 0.0, 0.0)
-    return simulate(np.array(tool_mm), at=configurations)
+    own = unrepeated.raise_noise(more[0])
+    return simulate(np.array(tool_mm), at=configurations, unrepeated=own)
 
 
 def _draw_visits(table: SimulateTable, robot: Robot, rng: np.random.Generator) -> Measurements:

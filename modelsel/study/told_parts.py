@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from .._part_names import AT_TARGET, IN_GROUP
 from ..fitting.possible_parts import MIN_GROUPS, MIN_LEVELS, count_excess, list_parts
 from ..fitting.problem import Problem
 from ..fitting.shared_errors import MAX_BLOCK
@@ -14,6 +15,11 @@ from ..measurements.visits import count_distinct
 from .planned_repeats import MAX_POSTURES, TIMES
 
 MAX_ROWS = 100_000  # that are looked at: what they tell, more do
+# where rows can tell it
+LOUDER = {
+    AT_TARGET: "Whether one target is measured with more noise than others: told by the sizes of the rows' own errors.",
+    IN_GROUP: "Whether one group is measured with more noise than others: told by the sizes of the rows' own errors.",
+}
 MEASURE_AGAIN = f"{MAX_POSTURES} postures measured {TIMES} times each, in separate rounds,"
 
 
@@ -36,6 +42,7 @@ def describe_told_parts(problem: Problem) -> dict[str, Any]:
         *seen,
         *[_describe_joints(data, told_by) for told_by in joints],
         "Whether the instrument errs more in one direction than in others: told by the rows' own errors.",
+        *[sentence for kind, sentence in LOUDER.items() if any(one.startswith(kind) for one in by)],
         _describe_configurations(data, by.get("configuration")),
         _describe_groups(data, "group" in by),
         "What lasts from visit to visit: told by the order of the visits.",

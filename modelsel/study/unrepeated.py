@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .._part_names import ALONG_AXES, POSTURE, list_joints
+from .._part_names import ALONG_AXES, AT_TARGET, IN_GROUP, POSTURE, list_joints, name_rows
 from .._typing import Array, Index
 from ..config.study_tables import SimulateTable
+from ..exceptions import StudyError, sentence_list
 from ..measurements.measurements import Measurements
 
 NOWHERE = np.zeros(3)
@@ -17,12 +19,17 @@ NOWHERE = np.zeros(3)
 @dataclass(frozen=True, eq=False)
 class Unrepeated:
     """How far the arm is from its readings: `joints` (m, n) [rad, mm], and how far what is seen of
-    it is from there: `shift` (m, 3) [mm]; `along` (3,): what the instrument has along each axis beyond
-    its noise in all directions, as standard deviations [mm]."""
+    it is from there: `shift` (m, 3) [mm]; `along` (3,) or (m, 3): what the instrument has along each
+    axis beyond its noise in all directions and rows, as standard deviations [mm]."""
 
     joints: Array
     shift: Array
     along: Array
+
+    def raise_noise(self, scale: float) -> Unrepeated:
+        """Return the same at a target with more noise, of a standard deviation [mm]."""
+        along = np.hypot(self.along, scale)
+        return replace(self, along=along)
 
 
 NOTHING = Unrepeated(np.zeros(1), NOWHERE, NOWHERE)  # stands for zero of any rows
@@ -48,7 +55,23 @@ def draw_unrepeated(
         scale, length = table.parts["lasting"], table.lasting_visits
         shift += _draw_lasting(scale, length, visits.progress, rng)
     along = np.array([table.parts.get(name, 0.0) for name in ALONG_AXES])
-    return Unrepeated(off, shift, along)
+    in_groups = np.array([table.parts.get(f"{IN_GROUP}{name}", 0.0) for name in visits.groups])
+    in_rows = in_groups[visits.group]
+    return Unrepeated(off, shift, np.hypot(along, in_rows[:, None]))
+
+
+def check_planted_rows(table: SimulateTable, targets: Sequence[str], groups: Sequence[str]) -> None:
+    """Check the targets and groups that are to have more noise. Raises StudyError."""
+    known = {AT_TARGET: ("targets", targets), IN_GROUP: ("groups", groups)}
+    problems = []
+    for name in table.parts:
+        for kind, (what, there) in known.items():
+            is_unknown = name.startswith(kind) and name_rows(name) not in there
+            if is_unknown:
+                listed = sentence_list(there)
+                problems.append(f'simulate.parts: "{name}", but the {what} are {listed}.')
+    if problems:
+        raise StudyError(*problems)
 
 
 def _draw_shared(scale: float, level: Index, rng: np.random.Generator) -> Array:
