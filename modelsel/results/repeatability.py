@@ -117,13 +117,8 @@ def _describe_part(part: ErrorPart, is_alone: bool, even: float, rounding: Round
         return _describe_alone(size, moved)
     if part.name in (INSTRUMENT, *INSTRUMENT_PARTS):
         return _describe_instrument(part, size, effect)
-    if part.name == "configuration":
+    if part.name in ("configuration", "group"):
         return _describe_shared(part, size, effect)
-    if part.name == "group":
-        return (
-            f"The measurements of one group share an error of {size}: {effect}. It "
-            "differs from group to group, as when the instrument is set up again."
-        )
     if part.name == "lasting":
         return _describe_lasting(part, size, effect)
     if is_of_rows(part.name):
@@ -147,7 +142,13 @@ def _describe_instrument(part: ErrorPart, size: str, effect: str) -> str:
 
 
 def _describe_shared(part: ErrorPart, size: str, effect: str) -> str:
-    """Return what the targets of one visit, or the visits of one posture, have in common."""
+    """Return what the targets of one visit, the visits of one posture or the rows of one group have in
+    common."""
+    if part.name == "group":
+        return (
+            f"The measurements of one group share an error of {size}: {effect}. It "
+            "differs from group to group, as when the instrument is set up again."
+        )
     if part.told_by == "repeats":
         return (
             f"Repeated measurements of one posture share an error of {size}: {effect}. "

@@ -98,21 +98,23 @@ def move_levels(at: Problem, level: Array, scale: float, rng: np.random.Generato
 
 JOINTS = ("joint 1", "joint 2", "joint 3")
 AXES = {(f"instrument {axis}", "directions") for axis in "xyz"}
+LOUD_GROUPS = tuple((f"instrument group {k}", "sizes") for k in range(6))
+TARGETS = tuple((f"instrument target r{k}", "sizes") for k in range(2))
 
 
 @pytest.mark.parametrize(
     ("make", "by", "others"),
     [
         ({}, "directions", ()),
-        ({"targets": 2}, "targets", (("configuration", "targets"),)),
+        ({"targets": 2}, "targets", (("configuration", "targets"), *TARGETS)),
         ({"times": 2}, "repeats", (("configuration", "repeats"),)),
         (
             {"targets": 2, "times": 2},
             "repeats",
-            (("configuration", "targets"), ("configuration", "repeats")),
+            (("configuration", "targets"), ("configuration", "repeats"), *TARGETS),
         ),
-        ({"groups": 6}, "directions", (("group", "groups"),)),
-        ({"groups": 3}, "directions", ()),
+        ({"groups": 6}, "directions", (("group", "groups"), *LOUD_GROUPS)),
+        ({"groups": 3}, "directions", LOUD_GROUPS[:3]),
     ],
     ids=str,
 )
