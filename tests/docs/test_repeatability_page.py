@@ -10,7 +10,13 @@ import pytest
 from shown_code import ROOT, fenced
 
 from modelsel.fitting.part_trials import LEVEL
-from modelsel.fitting.possible_parts import MIN_EXCESS, MIN_GROUPS, MIN_LEVELS
+from modelsel.fitting.possible_parts import (
+    MAX_COMPARED,
+    MIN_COMPARED,
+    MIN_EXCESS,
+    MIN_GROUPS,
+    MIN_LEVELS,
+)
 from modelsel.measurements.visits import SAME_READING
 from modelsel.results.repeatability import LABELS
 
@@ -27,6 +33,8 @@ def test_what_data_must_have_is_what_the_program_asks(page) -> None:
     assert f"Below {MIN_LEVELS} estimating configurations nothing is told" in page
     assert f"takes {MIN_EXCESS} rows or visits beyond the first of each" in page
     assert f"what groups share {MIN_GROUPS} groups" in page
+    assert f"louder takes {MIN_COMPARED} of its rows" in page
+    assert f"no more than {MAX_COMPARED} targets or groups" in page
     assert f"equal to {SAME_READING:.0e} rad".replace("e-0", "e-") in page
     statistics = (ROOT / "docs" / "explanation" / "statistics.md").read_text(encoding="utf-8")
     assert "one study of a hundred" in statistics
@@ -34,7 +42,8 @@ def test_what_data_must_have_is_what_the_program_asks(page) -> None:
 
 
 def test_every_part_has_its_row(page) -> None:
-    for label in ("joint 2", "instrument", *LABELS.values()):
+    louder = "more noise at target B", "more noise in group s2"
+    for label in ("joint 2", "instrument", *louder, *LABELS.values()):
         assert f"| **{label}** |" in page
 
 

@@ -57,6 +57,16 @@ SAID = {
         "0.011 mm at the target, 60 % of what is left."
     ): INSTRUMENT,
     (
+        "Target B: 2 is measured with more noise than others, and weighs less: 0.12 mm per coordinate beside 0.0081 mm. That is a "
+        "further 0.12 mm per coordinate (95 %: 0.10 to 0.14 mm), independent from row to row: 40 % of what is left. An error of the "
+        "model at target B: 2, which no candidate describes, would look the same."
+    ): part("instrument target B: 2", 0.12, 0.1, 0.14, told_by="sizes"),
+    (
+        "Group s2 is measured with more noise than others, and weighs less: 17 µm per coordinate beside 8.1 µm. That is a further "
+        "15 µm per coordinate (95 %: 12 to 18 µm), independent from row to row: 40 % of what is left. An error of the model in group "
+        "s2, which no candidate describes, would look the same."
+    ): part("instrument group s2", 0.015, 0.012, 0.018, told_by="sizes"),
+    (
         "The targets of one configuration share an error of 0.13 mm per coordinate (95 %: 0.10 to 0.20 mm): 0.23 mm at the "
         "target, 40 % of what is left. The flange or the base stood a little differently each time, or, where no posture was "
         "measured again, the model errs there."
@@ -210,6 +220,14 @@ def test_a_terminal_has_six_lines_at_most() -> None:
     lines = write_repeatability_lines(records(*many(MAX_LINES + 2)))
     assert len(lines) == MAX_LINES
     assert lines[-1] == "Repeatability: 3 smaller parts are in result.json."
+
+
+def test_a_louder_target_is_called_by_its_name() -> None:
+    names = ["instrument target B", "instrument group s2"]
+    louder = [part(name, 0.01, 0.009, 0.011, told_by="sizes") for name in names]
+    listed = records(INSTRUMENT, *louder)
+    labels = {label_part(one) for one in listed}
+    assert labels == {"instrument", "more noise at target B", "more noise in group s2"}
 
 
 def test_two_parts_of_a_configuration_are_told_apart() -> None:

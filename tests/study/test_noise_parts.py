@@ -86,6 +86,13 @@ def test_all_that_does_not_suit_the_robot_is_said_at_once(tmp_path: Path) -> Non
             ),
         ),
         (
+            {"noise": {"fixed": {"instrument target a": 0.1}}},
+            (
+                'noise: "instrument target a" cannot be fixed; state what the instrument has in each row: '
+                "sx_mm, sy_mm and sz_mm beside the measurements."
+            ),
+        ),
+        (
             {"noise": {"fixed": {"lasting": 0.1}}},
             (
                 'noise: "lasting" cannot be fixed, since its length is found together with its scale; '
@@ -207,6 +214,30 @@ def test_the_instrument_is_louder_along_one_axis_in_every_row(tmp_path) -> None:
     shift = shifts(frame)
     np.testing.assert_allclose(shift.std(0), [0.03, np.hypot(0.03, 0.08), 0.05], rtol=0.05)
     assert np.abs(np.corrcoef(shift[::2, 1], shift[1::2, 1])[0, 1]) < 0.1
+
+
+def test_the_instrument_is_louder_at_one_target_and_in_one_group(tmp_path) -> None:
+    frame = simulated(
+        tmp_path,
+        configurations=2000,
+        groups=2,
+        noise_mm=0.03,
+        parts={"instrument target b": 0.04, "instrument group 2": 0.12},
+    )
+    spread = shifts(frame)
+    for target, group, size in [("a", "1", 0.03), ("b", "1", 0.05), ("b", "2", 0.13)]:
+        rows = (frame["target"] == target) & (frame["group"] == group)
+        np.testing.assert_allclose(spread[rows].std(0), size, rtol=0.08)
+
+
+def test_more_noise_at_a_target_that_there_is_not_is_refused(tmp_path) -> None:
+    parts = {"instrument target c": 0.1, "instrument group 3": 0.1}
+    with pytest.raises(StudyError) as refused:
+        simulated(tmp_path, groups=2, parts=parts)
+    assert list(refused.value.problems) == [
+        'simulate.parts: "instrument target c", but the targets are a and b.',
+        'simulate.parts: "instrument group 3", but the groups are 1 and 2.',
+    ]
 
 
 def test_the_seed_decides_and_parts_leave_the_rest_as_it_is(tmp_path) -> None:

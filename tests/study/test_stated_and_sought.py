@@ -14,10 +14,12 @@ from modelsel.fitting.error_structure import find_structure
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor
 from modelsel.fitting.possible_parts import list_parts
+from modelsel.fitting.problem import Problem
 from modelsel.fitting.whitening import Whitening
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import mechanism
 from modelsel.results.goodness_of_fit import measure_lack_of_fit
+from modelsel.results.repeatability import measure_unrepeated
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
 from modelsel.study.stated_noise import check_stated_noise
@@ -59,3 +61,30 @@ def test_what_the_instrument_has_in_one_direction_is_in_its_stated_uncertainty(r
     narrow = study_of(errors.whiten(smaller))
     found = measure_lack_of_fit(SimpleNamespace(fit=fitted), Floor(stated / 5, "stated"), narrow)
     assert found.f == pytest.approx(25, rel=0.5)
+
+
+def test_what_the_instrument_has_at_one_target_is_in_its_stated_uncertainty(rng) -> None:
+    """Stated for all targets alike, as the mean of two quiet ones and a loud one, it is right."""
+    size = np.array([0.01, 0.01, float(rng.uniform(0.06, 0.1))])
+    tools = np.array([OFF_AXIS, (-60.0, 30.0, 140.0), (10.0, 80.0, 200.0)])
+    target = np.arange(150) % 3
+    visit = np.arange(150) // 3
+    q = ARM.draw(rng, 50)[visit]
+    position = rng.normal(0, size[target][:, None], (150, 3))
+    for number in range(3):
+        rows = target == number
+        position[rows] += forward(ARM, q[rows], tools[number])
+    data = build_measurements(q, position, target=target.tolist(), configuration=visit)
+    stated = float(np.sqrt(np.mean(size**2)))
+    at = replace(Problem(ARM, data, tools), whitening=Whitening(1 / stated))
+    every = np.ones(150, bool)
+    fitted = fit(at, Model((mechanism("geometric", ARM),)))
+    errors = find_structure(at, every, fitted, list_parts(at, every))
+    assert errors.names == ("instrument target 2",)
+    split = study_of(errors.whiten(at))
+    floor = Floor(stated, "stated")
+    assert check_stated_noise(split, floor, fitted, True)[2] == ()
+    found = measure_lack_of_fit(SimpleNamespace(fit=fitted), floor, split)
+    assert found.p > 1e-4
+    # the floor holds all that the instrument has
+    assert measure_unrepeated(errors, floor) == 0
