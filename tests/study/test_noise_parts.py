@@ -9,9 +9,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from builders import drawn, study_of
 
 from modelsel import Study, load_robot, run_study, simulate_study
 from modelsel._typing import Array
+from modelsel.config.study_tables import NoiseTable
 from modelsel.exceptions import StudyError
 from modelsel.fitting.shared_errors import MAX_BLOCK
 from modelsel.measurements.reader import read_measurements
@@ -20,7 +22,7 @@ from modelsel.robot.kinematics import forward
 from modelsel.study.inputs import read_inputs
 from modelsel.study.inspection import inspect_measurements
 from modelsel.study.inspection_text import format_inspection
-from modelsel.study.noise_parts import check_parts
+from modelsel.study.noise_parts import check_parts, note_untold_parts
 
 ROBOT = load_robot("puma760")
 TOOLS = {"a": [40.0, -25.0, 100.0], "b": [-60.0, 30.0, 100.0]}
@@ -319,6 +321,19 @@ def test_a_part_that_the_data_cannot_tell_is_noted_and_left_out(repeated) -> Non
     assert "it takes 20 configurations; 18 estimate" in note.sentence
 
 
+def test_more_noise_that_rows_cannot_tell_is_not_looked_for(rng) -> None:
+    at = drawn("puma760", rng, 30)
+    only = at.data.targets[0]
+    named = [f"instrument target {only}", "instrument target B", "instrument group s2"]
+    notes = note_untold_parts(NoiseTable(parts=named), study_of(at))
+    reasons = [note.sentence.partition("tell: ")[2] for note in notes]
+    assert reasons == [
+        "it takes 10 estimating rows of that target, as many of others, and no more than 12 targets. It is left out.",
+        "there is no such target. It is left out.",
+        "there is no such group. It is left out.",
+    ]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("factor", [10.0, 0.1])
 @pytest.mark.parametrize("planted", [True, False])
@@ -378,10 +393,14 @@ def test_check_says_what_the_data_can_tell_and_what_would_tell_the_rest(tmp_path
     parts, said = told(pairs)
     assert parts["joint 2"] == parts["configuration"] == "targets"
     assert "30 rows beyond the first of their visit" in said
+    assert parts["instrument target a"] == parts["instrument target b"] == "sizes"
+    assert "Whether one target is measured with more noise than others: told by the sizes" in said
+    assert "Whether one group is" not in said
 
     parts, said = told(pairs[pairs["target"] == "a"])
     assert parts["joint 2"] == "directions"
     assert "configuration" not in parts
+    assert "Whether one target is" not in said
     assert "No posture was measured twice: what a joint does not repeat is seen by the dir" in said
     assert "10 postures measured 3 times each, in separate rounds, would tell them apart." in said
     assert "a second target would tell it" in said
