@@ -64,16 +64,13 @@ def is_of_instrument(name: str) -> bool:
 
 def is_of_rows(name: str) -> bool:
     """Whether a part is one that the instrument has at one target or in one group."""
-    return name_rows(name) != ""
+    return name.startswith((AT_TARGET, IN_GROUP))
 
 
 def name_rows(name: str) -> str:
-    """Return the name of the target or group at which the instrument has a part; empty where it has
-    it everywhere."""
-    for kind in (AT_TARGET, IN_GROUP):
-        if name.startswith(kind):
-            return name.removeprefix(kind)
-    return ""
+    """Return the name of the target or group at which the instrument has a part."""
+    kind = AT_TARGET if name.startswith(AT_TARGET) else IN_GROUP
+    return name.removeprefix(kind)
 
 
 def is_named(name: str, names: Sequence[str]) -> bool:

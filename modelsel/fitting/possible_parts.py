@@ -49,6 +49,8 @@ MIN_GROUPS = 5
 # targets or groups that are compared at most
 MIN_COMPARED = 10
 MAX_COMPARED = 12
+# rows from which they are not compared: each of them keeps what moves every row
+MAX_COMPARED_ROWS = 100_000
 # correlation lengths of a lasting error, in visits, and how many of them count as one test each
 LENGTHS = (0.7, 1.4, 3.0, 6.0, 12.0, 25.0, 50.0)
 LASTING_TESTS = 3
@@ -220,7 +222,9 @@ def _build_own(name: str, unit: str, loading: Array, square: float) -> PossibleP
 
 def _list_louder(data: Measurements, seen: Measurements, loading: Array) -> list[PossiblePart]:
     """List the targets and the groups at which the instrument may err more than at others; those of
-    a kind are one test together."""
+    a kind are one test together. None where rows are very many."""
+    if len(data) >= MAX_COMPARED_ROWS:
+        return []
     _, visits = np.unique(seen.configuration, return_index=True)
     targets = _choose_compared(seen.target)
     groups = _choose_compared(seen.group[visits])

@@ -15,7 +15,14 @@ from .._part_names import (
 from ..config.study_file import Study
 from ..config.study_tables import NoiseTable
 from ..exceptions import StudyError, count_words
-from ..fitting.possible_parts import MAX_COMPARED, MIN_COMPARED, MIN_GROUPS, MIN_LEVELS, list_parts
+from ..fitting.possible_parts import (
+    MAX_COMPARED,
+    MAX_COMPARED_ROWS,
+    MIN_COMPARED,
+    MIN_GROUPS,
+    MIN_LEVELS,
+    list_parts,
+)
 from ..notices import Note
 from ..robot.kinematics import Robot
 from ..selection.evaluation import Split
@@ -115,6 +122,6 @@ def _describe_untold_rows(name: str, split: Split) -> str:
     if name_rows(name) not in there:
         return f"there is no such {what}"
     return (
-        f"it takes {MIN_COMPARED} estimating {unit} of that {what}, as many of others, and no more than "
-        f"{MAX_COMPARED} {plural}"
+        f"it takes {MIN_COMPARED} estimating {unit} of that {what}, as many of others, no more than "
+        f"{MAX_COMPARED} {plural}, and fewer than {MAX_COMPARED_ROWS:,} rows"
     )

@@ -12,6 +12,7 @@ from shown_code import ROOT, fenced
 from modelsel.fitting.part_trials import LEVEL
 from modelsel.fitting.possible_parts import (
     MAX_COMPARED,
+    MAX_COMPARED_ROWS,
     MIN_COMPARED,
     MIN_EXCESS,
     MIN_GROUPS,
@@ -35,6 +36,7 @@ def test_what_data_must_have_is_what_the_program_asks(page) -> None:
     assert f"what groups share {MIN_GROUPS} groups" in page
     assert f"louder takes {MIN_COMPARED} of its rows" in page
     assert f"no more than {MAX_COMPARED} targets or groups" in page
+    assert f"fewer than {MAX_COMPARED_ROWS:,} rows" in page
     assert f"equal to {SAME_READING:.0e} rad".replace("e-0", "e-") in page
     statistics = (ROOT / "docs" / "explanation" / "statistics.md").read_text(encoding="utf-8")
     assert "one study of a hundred" in statistics

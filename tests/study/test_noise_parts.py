@@ -328,7 +328,10 @@ def test_more_noise_that_rows_cannot_tell_is_not_looked_for(rng) -> None:
     notes = note_untold_parts(NoiseTable(parts=named), study_of(at))
     reasons = [note.sentence.partition("tell: ")[2] for note in notes]
     assert reasons == [
-        "it takes 10 estimating rows of that target, as many of others, and no more than 12 targets. It is left out.",
+        (
+            "it takes 10 estimating rows of that target, as many of others, no more than 12 targets, and fewer than 100,000 rows. "
+            "It is left out."
+        ),
         "there is no such target. It is left out.",
         "there is no such group. It is left out.",
     ]
