@@ -59,7 +59,8 @@ def check_planted_names(parts: Iterable[str]) -> None:
 
 def is_of_instrument(name: str) -> bool:
     """Whether a part is one that the instrument has in some directions or rows beyond all others."""
-    return name in INSTRUMENT_PARTS or is_of_rows(name)
+    is_in_a_direction = name in INSTRUMENT_PARTS
+    return is_in_a_direction or is_of_rows(name)
 
 
 def is_of_rows(name: str) -> bool:
@@ -69,7 +70,9 @@ def is_of_rows(name: str) -> bool:
 
 def name_rows(name: str) -> str:
     """Return the name of the target or group at which the instrument has a part."""
-    kind = AT_TARGET if name.startswith(AT_TARGET) else IN_GROUP
+    kind = IN_GROUP
+    if name.startswith(AT_TARGET):
+        kind = AT_TARGET
     return name.removeprefix(kind)
 
 

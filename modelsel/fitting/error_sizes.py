@@ -30,7 +30,10 @@ class Comparison:
 
     def take(self, rows: Rows) -> Comparison:
         """Return what is compared of some rows."""
-        return Comparison(self.is_larger[rows], self.unit[rows], self.stratum[rows])
+        is_larger = self.is_larger[rows]
+        unit = self.unit[rows]
+        stratum = self.stratum[rows]
+        return Comparison(is_larger, unit, stratum)
 
     def compute_p(self, sizes: Array) -> float:
         """Compute how often as many of the largest values (m,) are by chance where they are
@@ -74,9 +77,12 @@ def _pool_alike(stratum: Index, is_larger: Mask) -> Index:
 
 def _rank_within(stratum: Index, value: Array) -> Index:
     """Rank values (u,) from 1 within each stratum."""
+    count = len(value)
     order = np.lexsort((value, stratum))
     every = np.bincount(stratum)
-    begin = np.cumsum(every) - every
-    rank = np.empty(len(value), np.intp)
-    rank[order] = np.arange(1, len(value) + 1)
-    return np.asarray(rank - begin[stratum])
+    end = np.cumsum(every)
+    begin = end - every
+    rank = np.empty(count, np.intp)
+    rank[order] = np.arange(1, count + 1)
+    before = begin[stratum]
+    return np.asarray(rank - before)

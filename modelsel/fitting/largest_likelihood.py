@@ -258,8 +258,11 @@ def _choose_most(parts: Sequence[SharedError]) -> float:
 
 def _count_levels(part: SharedError) -> int:
     """Count the levels of a part that move rows: some have it at one target alone."""
-    is_moved = part.loading.any(axis=(1, 2))
-    return len(np.unique(part.level[is_moved]))
+    loading = part.loading
+    is_moved = loading.any(axis=(1, 2))
+    moved = part.level[is_moved]
+    levels = np.unique(moved)
+    return len(levels)
 
 
 def _count_motions(part: SharedError) -> int:

@@ -244,10 +244,12 @@ def _list_louder(data: Measurements, seen: Measurements, loading: Array) -> list
 def _choose_compared(seen: Index) -> list[int]:
     """Choose the numbers among those `seen` of which there are enough, and enough others; none where
     they are many."""
+    rows = len(seen)
     numbers, count = np.unique(seen, return_counts=True)
     if len(numbers) > MAX_COMPARED:
         return []
-    fewer = np.minimum(count, len(seen) - count)
+    others = rows - count
+    fewer = np.minimum(count, others)
     is_compared = fewer >= MIN_COMPARED
     chosen: list[int] = numbers[is_compared].tolist()
     return chosen

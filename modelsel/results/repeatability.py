@@ -112,8 +112,10 @@ def _describe_part(part: ErrorPart, is_alone: bool, even: float, rounding: Round
     `even`: what the instrument has in all directions and rows [mm]."""
     size = _describe_scale(part)
     moved = f"{round_digits(part.at_target)} mm"
-    effect = f"{moved} at the target, {describe_share(part.share)} of what is left"
-    if part.name == INSTRUMENT and is_alone:
+    share = describe_share(part.share)
+    effect = f"{moved} at the target, {share} of what is left"
+    is_everywhere = part.name == INSTRUMENT
+    if is_alone and is_everywhere:
         return _describe_alone(size, moved)
     if part.name in (INSTRUMENT, *INSTRUMENT_PARTS):
         return _describe_instrument(part, size, effect)
@@ -123,7 +125,9 @@ def _describe_part(part: ErrorPart, is_alone: bool, even: float, rounding: Round
         return _describe_lasting(part, size, effect)
     if is_of_rows(part.name):
         return _describe_louder(part, size, even)
-    return _describe_joint(part, size, effect) + _explain_by_rounding(part, rounding)
+    said = _describe_joint(part, size, effect)
+    explained = _explain_by_rounding(part, rounding)
+    return said + explained
 
 
 def _describe_alone(size: str, moved: str) -> str:
@@ -180,23 +184,36 @@ def _describe_louder(part: ErrorPart, size: str, even: float) -> str:
     """Return which target or group is measured with more noise, how much it has, and what else would
     look so."""
     rows = _name_rows(part.name)
+    where = _locate_rows(part.name)
     own = float(np.hypot(part.scale, even))
     factor, unit = _choose_unit(own, "mm")
-    figure, usual = round_digits(own / factor), round_digits(even / factor)
+    figure = round_digits(own / factor)
+    usual = round_digits(even / factor)
     share = describe_share(part.share)
-    which = f"{rows[0].upper()}{rows[1:]}"
-    where = "at" if part.name.startswith(AT_TARGET) else "in"
+    first = rows[0].upper()
+    rest = rows[1:]
+    which = first + rest
     return (
         f"{which} is measured with more noise than others, and weighs less: {figure} {unit} per coordinate "
         f"beside {usual} {unit}. That is a further {size}, independent from row to row: {share} of what is "
-        f"left. An error of the model {where} {rows}, which no candidate describes, would look the same."
+        f"left. An error of the model {where}, which no candidate describes, would look the same."
     )
 
 
 def _name_rows(part: str) -> str:
     """Name the target or group of a part, as in target B."""
-    kind = "target" if part.startswith(AT_TARGET) else "group"
-    return f"{kind} {name_rows(part)}"
+    name = name_rows(part)
+    if part.startswith(AT_TARGET):
+        return f"target {name}"
+    return f"group {name}"
+
+
+def _locate_rows(part: str) -> str:
+    """Return where a part is, as at target B."""
+    rows = _name_rows(part)
+    if part.startswith(AT_TARGET):
+        return f"at {rows}"
+    return f"in {rows}"
 
 
 def _describe_lasting(part: ErrorPart, size: str, effect: str) -> str:
@@ -288,8 +305,8 @@ def describe_share(share: float) -> str:
 def label_part(part: ErrorPartRecord) -> str:
     """Return what a table calls a part."""
     if is_of_rows(part.part):
-        where = "at" if part.part.startswith(AT_TARGET) else "in"
-        return f"more noise {where} {_name_rows(part.part)}"
+        where = _locate_rows(part.part)
+        return f"more noise {where}"
     return LABELS.get((part.part, part.told_by), part.part)
 
 

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._part_names import AT_TARGET
 from .._random import generator
 from .._typing import Array
 from ..config.study_file import Study, find_source
@@ -84,21 +83,23 @@ def _simulate(study: Study, folder: Path, robot: Robot) -> pd.DataFrame:
         rows = apply_known_features(measured, features)
         tools = arrange_tools(study.robot, rows)
         return simulate_readings(robot, tools, effects, data=rows, noise_mm=noise_mm, rng=rng)
-    check_planted_rows(study.simulate, targets, configurations.groups)
+    planted = study.simulate.parts
+    check_planted_rows(planted, targets, configurations.groups)
     unrepeated = draw_unrepeated(study.simulate, configurations, rng)
     simulate = partial(simulate_points, robot, effects=effects, noise_mm=noise_mm, rng=rng)
-    more = [study.simulate.parts.get(f"{AT_TARGET}{name}", 0.0) for name in targets]
     if tools_mm:
         tools = np.array(list(tools_mm.values()))
         frames = {}
         for number, name in enumerate(targets):
             at = _give_target(configurations, number, targets)
-            own = unrepeated.raise_noise(more[number])
+            own = unrepeated.raise_noise(name, planted)
             frames[name] = simulate(tools, at=at, unrepeated=own)
         return _interleave(frames)
     tool_mm = table.tool_mm or (0.0, 0.0, 0.0)
-    own = unrepeated.raise_noise(more[0])
-    return simulate(np.array(tool_mm), at=configurations, unrepeated=own)
+    tool = np.array(tool_mm)
+    (name,) = targets
+    own = unrepeated.raise_noise(name, planted)
+    return simulate(tool, at=configurations, unrepeated=own)
 
 
 def _draw_visits(table: SimulateTable, robot: Robot, rng: np.random.Generator) -> Measurements:

@@ -42,12 +42,21 @@ def describe_told_parts(problem: Problem) -> dict[str, Any]:
         *seen,
         *[_describe_joints(data, told_by) for told_by in joints],
         "Whether the instrument errs more in one direction than in others: told by the rows' own errors.",
-        *[sentence for kind, sentence in LOUDER.items() if any(one.startswith(kind) for one in by)],
+        *_describe_louder_rows(tuple(by)),
         _describe_configurations(data, by.get("configuration")),
         _describe_groups(data, "group" in by),
         "What lasts from visit to visit: told by the order of the visits.",
     ]
     return {"parts": dict(reversed(by.items())), "sentences": sentences}
+
+
+def _describe_louder_rows(names: tuple[str, ...]) -> list[str]:
+    said = []
+    for kind, sentence in LOUDER.items():
+        is_told = any(name.startswith(kind) for name in names)
+        if is_told:
+            said.append(sentence)
+    return said
 
 
 def _describe_untellable(problem: Problem) -> str:

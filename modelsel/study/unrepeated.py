@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .._part_names import ALONG_AXES, AT_TARGET, IN_GROUP, POSTURE, list_joints, name_rows
+from .._part_names import (
+    ALONG_AXES,
+    AT_TARGET,
+    IN_GROUP,
+    POSTURE,
+    is_of_rows,
+    list_joints,
+    name_rows,
+)
 from .._typing import Array, Index
 from ..config.study_tables import SimulateTable
 from ..exceptions import StudyError, sentence_list
@@ -26,9 +34,11 @@ class Unrepeated:
     shift: Array
     along: Array
 
-    def raise_noise(self, scale: float) -> Unrepeated:
-        """Return the same at a target with more noise, of a standard deviation [mm]."""
-        along = np.hypot(self.along, scale)
+    def raise_noise(self, target: str, parts: Mapping[str, float]) -> Unrepeated:
+        """Return the same at a target, with what the instrument has there alone."""
+        name = AT_TARGET + target
+        more = parts.get(name, 0.0)
+        along = np.hypot(self.along, more)
         return replace(self, along=along)
 
 
@@ -60,16 +70,18 @@ def draw_unrepeated(
     return Unrepeated(off, shift, np.hypot(along, in_rows[:, None]))
 
 
-def check_planted_rows(table: SimulateTable, targets: Sequence[str], groups: Sequence[str]) -> None:
+def check_planted_rows(parts: Iterable[str], targets: Sequence[str], groups: Sequence[str]) -> None:
     """Check the targets and groups that are to have more noise. Raises StudyError."""
-    known = {AT_TARGET: ("targets", targets), IN_GROUP: ("groups", groups)}
     problems = []
-    for name in table.parts:
-        for kind, (what, there) in known.items():
-            is_unknown = name.startswith(kind) and name_rows(name) not in there
-            if is_unknown:
-                listed = sentence_list(there)
-                problems.append(f'simulate.parts: "{name}", but the {what} are {listed}.')
+    for name in parts:
+        what, there = "groups", groups
+        if name.startswith(AT_TARGET):
+            what, there = "targets", targets
+        if not is_of_rows(name) or name_rows(name) in there:
+            continue
+        listed = sentence_list(there)
+        problem = f'simulate.parts: "{name}", but the {what} are {listed}.'
+        problems.append(problem)
     if problems:
         raise StudyError(*problems)
 
