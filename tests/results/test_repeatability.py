@@ -445,6 +445,26 @@ def test_noise_in_depth_is_the_instrument_s_and_no_joint_s(rng) -> None:
 
 
 @pytest.mark.integration
+def test_more_noise_at_one_target_is_told_with_its_size(rng) -> None:
+    arm, size = small_arm(), float(rng.uniform(3, 5)) * NOISE
+
+    def at_b(rng: np.random.Generator, table: pd.DataFrame) -> np.ndarray:
+        is_b = (table["target"] == "b").to_numpy()
+        return rng.normal(0, size, (len(table), 3)) * is_b[:, None]
+
+    record = studied(arm, campaign(rng, arm, at_b)).record
+    by_name = {one.part: one for one in record.repeatability}
+    assert set(by_name) == {"instrument", "instrument target b"}
+    found = by_name["instrument target b"]
+    assert found.told_by == "sizes"
+    assert found.low / 1.25 < size < found.high * 1.25
+    even = by_name["instrument"]
+    assert even.low / 1.25 < NOISE < even.high * 1.25
+    assert found.sentence.startswith("Target b is measured with more noise than others")
+    assert not record.findings
+
+
+@pytest.mark.integration
 def test_nothing_but_the_instrument_stands_alone(rng) -> None:
     arm = small_arm()
     (alone,) = studied(arm, campaign(rng, arm)).record.repeatability
