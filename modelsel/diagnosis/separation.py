@@ -5,9 +5,9 @@ not repeat. So the parts of the errors (`fitting.error_structure`) are first est
 where they are largest, and effects are sought given these. The parts are then estimated again from
 what the effects leave, and the search is repeated, until the parts stay the same.
 
-Two kinds of part may still be effects that were not named: an error that lasts, and a joint's part
-that only the directions of its motion identify. Where such a part remains, the search is repeated
-without the former and with the latter, and an information criterion chooses among all
+Two kinds of part may still be effects that were not named: an error that lasts, and a part that only
+the directions or the sizes of single rows' errors identify, of a joint, of the instrument, of a target
+or of a group. Where such a part remains, the search is repeated without the former and with the latter, and an information criterion chooses among all
 explanations."""
 
 from __future__ import annotations

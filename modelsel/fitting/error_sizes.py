@@ -36,8 +36,7 @@ class Comparison:
         return Comparison(is_larger, unit, stratum)
 
     def compute_p(self, sizes: Array) -> float:
-        """Compute how often as many of the largest values (m,) are by chance where they are
-        expected."""
+        """Compute how often chance puts as many of the largest values (m,) where they are expected."""
         from scipy.special import ndtr
 
         _, first, unit = np.unique(self.unit, return_index=True, return_inverse=True)
@@ -58,8 +57,8 @@ class Comparison:
 
 
 def compute_size_p(at: Likelihood, part: SharedError, compared: Comparison) -> float:
-    """Compute how often rows that are compared have by chance errors as large as those of a
-    likelihood without their part."""
+    """Compute how often errors of these sizes, in a random order, are as large in the rows of a part
+    as those of a likelihood without it are."""
     errors, _ = standardise_errors(at, part)
     squares = np.square(errors).sum(1)
     sizes = np.log(np.maximum(squares, TINY))

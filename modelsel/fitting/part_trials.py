@@ -160,7 +160,7 @@ def _score_parts(
 
 
 def _is_chance(at: Likelihood, part: PossiblePart) -> bool:
-    """Whether chance may give rows that a part would make larger than others sizes like theirs."""
+    """Whether the errors that a part would make larger are so large by chance."""
     if part.compared is None:
         return False
     p = compute_size_p(at, part.error, part.compared)

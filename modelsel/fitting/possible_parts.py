@@ -1,8 +1,8 @@
 """The parts that the errors of a campaign may have, as far as its rows can identify them.
 
 Each joint may not repeat, one draw a visit, shared by all targets; the instrument may err more in one
-direction than in others, or at one target or in one group; the rows of one visit, of one posture or of one group may share an error; and
-an error may last along the order of motion."""
+direction than in others, at one target or in one group; the rows of one visit, of one posture or of
+one group may share an error; and an error may last along the order of motion."""
 
 from __future__ import annotations
 
@@ -65,7 +65,8 @@ MIN_LOADING = 1e-3
 class PossiblePart:
     """A part that the errors may have.
 
-    name: "joint 2", "instrument z", "instrument target B", "configuration", "group" or "lasting"; unit: that of its scale;
+    name: "joint 2", "instrument z", "instrument target B", "configuration", "group" or "lasting";
+    unit: that of its scale;
     square: mean square [mm²] over the rows of the target's displacement by one unit; told_by: what
     distinguishes it from others; tests: how many tests it counts for; even: noise alike in all rows,
     none of which share it, that must not tell the data as well; compared: the rows whose sizes tell it,
