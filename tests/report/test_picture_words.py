@@ -10,7 +10,8 @@ import pytest
 from report_studies import read_source
 
 from modelsel.report.figures import parameter_plots
-from modelsel.report.figures.arm import draw_frames, draw_marked, find_room
+from modelsel.report.figures.arm import draw_frames, draw_marked
+from modelsel.report.figures.arm_numbers import Drawn, find_room, needs_line
 from modelsel.report.figures.ladder import _scale, choose_ticks, draw_ladder
 from modelsel.report.figures.parameter_plots import draw_posterior
 from modelsel.report.figures.space import draw_joints
@@ -26,6 +27,13 @@ from modelsel.results.model_schema import QuantilesRecord, TraceRecord
 from modelsel.results.quantities import format_figure
 
 LEFT = np.array([-1.0, 0.2])
+NOTHING = np.zeros((0, 2))
+ROOT = [[0, 0, 0], [0, 0, 0], [0, 0, 181], [-392, -38, 650], [-522, -50, 1207]]
+UPRIGHT = {
+    "origins_mm": [*ROOT, [-506, -223, 1207], [-538, -226, 1091], [-608, -430, 1146]],
+    "axes": [np.eye(3).tolist()] * 8,
+    "slides": [False] * 6,
+}
 WORDS = re.compile(r'<text [^>]*x="([-0-9.]+)" y="([-0-9.]+)"[^>]*>([^<]*)</text>')
 
 
@@ -39,8 +47,9 @@ def read_words(picture: bytes) -> list[tuple[str, float, float]]:
 def test_target_at_the_edge_is_whole_and_on_no_frame(x) -> None:
     place = np.array([x, 1.0])
     points = np.array([place, place + np.array([0.25, 0.05]), place + np.array([-0.05, 0.2])])
-    first = find_room("5 6", points[1], LEFT, points, [])
-    second = find_room("target", place, LEFT, points, [first])
+    drawn = Drawn(points, NOTHING, NOTHING, 2.2)
+    first = find_room("5, 6", points[1], LEFT, drawn, [])
+    second = find_room("target", place, LEFT, drawn, [first])
     for box in (first, second):
         assert box.min() > 0
         inside = ((points > box[0]) & (points < box[1])).all(1)
@@ -50,13 +59,54 @@ def test_target_at_the_edge_is_whole_and_on_no_frame(x) -> None:
 
 def test_words_cover_no_link_where_another_place_is_free() -> None:
     place = np.array([1.0, 1.0])
-    across = np.array([[0.2, 1.03], [1.8, 1.03]])
-    link = across[0] + np.linspace(0, 1, 40)[:, None] * (across[1] - across[0])
-    points = np.vstack([place, across])
-    for links, is_clear in ((link, True), (None, False)):
-        low, high = find_room("5 6", place, LEFT, points, [], links)
-        covered = ((link > low) & (link < high)).all(1).any()
+    points = place[None]
+    free = find_room("5, 6", place, LEFT, Drawn(points, NOTHING, NOTHING, 2.2), [])
+    height = free.mean(0)[1]
+    link = np.stack([np.linspace(0.2, 1.8, 40), np.full(40, height)], 1)
+    low, high = find_room("5, 6", place, LEFT, Drawn(points, link, NOTHING, 2.2), [])
+    for corners, is_clear in ((free, False), ((low, high), True)):
+        covered = ((link > corners[0]) & (link < corners[1])).all(1).any()
         assert covered != is_clear
+
+
+@pytest.mark.parametrize("away", [[0.0, 1.0], [0.0, -1.0], [-1.0, 0.0], [0.6, -0.8]])
+def test_a_number_stands_at_its_own_joint(away) -> None:
+    """Of two joints close together, the number of each is nearer to it, or a line tells whose it is."""
+    points = np.array([[1.0, 1.0], [1.0, 1.19]])
+    steps = np.linspace(0.6, 2.0, 60)
+    link = np.stack([np.ones(60), steps], 1)
+    drawn = Drawn(points, link, NOTHING, 2.2)
+    for own, other in (points, points[::-1]):
+        box = find_room("2", own, np.array(away), drawn, [])
+        gaps = [np.linalg.norm(np.clip(place, *box) - place) for place in (own, other)]
+        assert gaps[0] < gaps[1] or needs_line(box, own, points)
+
+
+def test_joints_of_one_spot_share_their_numbers_and_others_have_their_own() -> None:
+    arm = ArmRecord.model_validate(UPRIGHT)
+    words = {word: y for word, _, y in read_words(draw_frames(arm))}
+    assert set("123456") <= set(words)
+    assert words["1"] > words["2"] > words["3"]
+    origins = [*ROOT, ROOT[-1], ROOT[-1], [-608, -430, 1146]]
+    wrist = ArmRecord.model_validate(UPRIGHT | {"origins_mm": origins})
+    assert "4, 5, 6" in [word for word, _, _ in read_words(draw_frames(wrist))]
+
+
+def test_a_line_leads_from_a_number_that_stands_away() -> None:
+    points = np.array([[1.0, 1.0]])
+    near, far = (np.array([[x, 0.95], [x + 0.1, 1.05]]) for x in (1.1, 1.3))
+    assert not needs_line(near, points[0], points)
+    assert needs_line(far, points[0], points)
+
+
+def test_names_of_axes_seen_in_one_direction_stand_apart() -> None:
+    turned = [[1.0, 0.0, 0.0], [0.0, 1.0, 1.0], [0.0, 0.1, 0.12]]
+    arm = ArmRecord.model_validate(UPRIGHT | {"axes": [turned] * 8})
+    letters = [one for one in read_words(draw_frames(arm)) if one[0] in ("x", "y", "z")]
+    places = np.array([(x, y) for _, x, y in letters])
+    for k, place in enumerate(places):
+        gaps = np.linalg.norm(np.delete(places, k, axis=0) - place, axis=1)
+        assert gaps.min() > 5
 
 
 @pytest.mark.parametrize("frames", [4, 8, 9, 10, 13])
@@ -142,9 +192,9 @@ def test_numbers_of_frames_stand_clear_of_marks() -> None:
     values = {"origins_mm": origins, "axes": [np.eye(3).tolist()] * 8, "slides": [False] * 6}
     marks = [("11", "one", [2]), ("12", "two", [5])]
     words = read_words(draw_marked(ArmRecord.model_validate(values), marks))
-    numbers = [(x, y) for word, x, y in words if re.fullmatch("[1-6]( [1-6])*", word)]
+    numbers = [(x, y) for word, x, y in words if re.fullmatch("[1-6](, [1-6])*", word)]
     found = [(x, y) for word, x, y in words if word in ("11", "12")]
-    assert len(numbers) == 4
+    assert len(numbers) == 5
     assert all(abs(x - a) > 16 or abs(y - b) > 9 for x, y in numbers for a, b in found)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from ..._typing import Array
 from ...results.details_schema import ArmRecord
 from ..style import BLUE, INK, ORANGE, QUIET, WIDTH, shorten_clause, svg, use_style
+from .arm_numbers import Drawn, find_room, needs_line, trace_line
 
 ELEVATION = 24.0  # degrees
 AZIMUTHS = np.arange(-160.0, 180.0, 10.0)
@@ -23,14 +24,11 @@ ARM_WIDTH = 2.9  # inch
 MARGIN = 0.34  # inch about the arm
 LABEL_ROOM = 0.4  # inch for a word right of it
 PEDESTAL = 0.22  # inch below frame 0
-LINK_POINTS = 25  # of a link, that no words may cover
+LINE_POINTS = 25  # of a link or an axis, that no words may cover
 MARKED_TOGETHER = 0.3  # inch below which frames share a row of marks
-# inch below which frames stand at one point of the picture
-SAME_POINT = 0.14
+# inch below which frames stand at one point of the picture: a circle's width
+SAME_POINT = 0.07
 AXIS_LENGTH = 0.26  # inch: of half a dashed axis
-NUMBER_OFFSET = 0.18  # inch from a frame to its number
-# inch: the picture's edge, a letter's width, a line's height, half a dot
-EDGE, LETTER, WORD_HEIGHT, DOT = 0.02, 0.075, 0.13, 0.04
 MARK = 0.08  # inch: half a mark
 MARK_STEP = 0.17  # inch from one mark to the next
 LARGEST_LINE = 0.25  # inch between the lines of a list
@@ -38,6 +36,7 @@ TRIAD_COLUMNS, MANY_COLUMNS = 4, 5  # triads in a row; of more than two such row
 TRIAD_ROW = 1.1  # inch that a triad needs with its name
 TRIAD = 0.27  # inch: an axis of a triad
 AXIS_COLOURS = (ORANGE, QUIET, BLUE)
+LETTERS_APART = 0.1  # inch between the names of two axes
 HIDDEN = 0.2  # share of an axis below which it points at the reader
 
 
@@ -55,19 +54,21 @@ class _Drawing:
         """The target's place among the points."""
         return len(self.points) - 1
 
-    @property
-    def links(self) -> Array:
-        """Points close together along the links, the one to the ground among them."""
-        below = np.array([0.0, PEDESTAL])
-        foot = self.points[0] - below
+    def find_axis_ends(self, frame: int) -> Array:
+        """Return the ends (2, 2) of the dashed axis of a joint."""
+        z = self.axes[frame][:, 2]
+        along = AXIS_LENGTH * (self.view @ z)[:2]
+        place = self.points[frame]
+        return np.stack([place - along, place + along])
+
+    def list_drawn(self, top: float) -> Drawn:
+        """List what no words may cover in a picture of some height: frames, links and axes."""
+        foot = self.points[0] - np.array([0.0, PEDESTAL])
         chain = np.vstack([foot, self.points])
-        steps = np.linspace(0, 1, LINK_POINTS)
-        along = []
-        for start, end in pairwise(chain):
-            way = end - start
-            link = start + np.outer(steps, way)
-            along.append(link)
-        return np.concatenate(along)
+        links = [_trace(start, end) for start, end in pairwise(chain)]
+        joints = range(1, self.last)
+        axes = [_trace(*self.find_axis_ends(frame)) for frame in joints]
+        return Drawn(self.points, np.concatenate(links), np.concatenate(axes), top)
 
     def group_frames(self, within: float = SAME_POINT) -> list[list[int]]:
         """Group the frames that stand within some inches of each other, in their order."""
@@ -86,6 +87,12 @@ class _Drawing:
         place = self.points[list(group)].mean(0)
         away = place - self.points.mean(0)
         return place, away / max(float(np.linalg.norm(away)), 1e-9)
+
+
+def _trace(start: Array, end: Array) -> Array:
+    """Return points close together from one point to another."""
+    steps = np.linspace(0, 1, LINE_POINTS)
+    return start + np.outer(steps, end - start)
 
 
 def draw_frames(arm: ArmRecord) -> bytes:
@@ -195,8 +202,7 @@ def _draw_chain(ax: Any, drawing: _Drawing) -> None:
     ground = foot + np.array([[-0.2, 0.0], [0.2, 0.0]])
     ax.plot(*ground.T, color=QUIET, lw=2, zorder=1)
     for frame, slides in enumerate(drawing.slides, 1):
-        along = AXIS_LENGTH * (drawing.view @ drawing.axes[frame][:, 2])[:2]
-        ends = np.stack([points[frame] - along, points[frame] + along])
+        ends = drawing.find_axis_ends(frame)
         ax.plot(*ends.T, color=BLUE, lw=0.9, ls=(0, (5, 2)), zorder=2)
         shape = "s" if slides else "o"
         ax.plot(*points[frame], shape, ms=5, mfc="white", mec=INK, mew=1.1, zorder=3)
@@ -204,51 +210,23 @@ def _draw_chain(ax: Any, drawing: _Drawing) -> None:
 
 
 def _write_numbers(ax: Any, drawing: _Drawing, taken: Sequence[Array] = ()) -> None:
-    """Write the numbers of the frames beside them, away from the arm's middle, where nothing else stands;
-    boxes that are `taken` stay free."""
+    """Write the numbers of the frames beside them, away from the arm's middle, where nothing else stands, with
+    a line to those that are near others; boxes that are `taken` stay free."""
     written = list(taken)
+    drawn = drawing.list_drawn(ax.get_ylim()[1])
     for group in drawing.group_frames():
         names = ["target" if frame == drawing.last else str(frame) for frame in group]
-        words = " ".join(names)
-        where = drawing.point_away(group)
-        box = find_room(words, *where, drawing.points, written, drawing.links)
+        words = ", ".join(names)
+        place, away = drawing.point_away(group)
+        box = find_room(words, place, away, drawn, written)
         written.append(box)
+        if needs_line(box, place, drawing.points):
+            line = trace_line(box, place)
+            ax.plot(*line.T, color=QUIET, lw=0.6, zorder=3)
+            # no other words on it
+            written += [np.stack([point, point]) for point in line]
         style = {"fontsize": 8, "fontweight": "bold", "color": INK, "zorder": 4}
         ax.text(*box.mean(0), words, ha="center", va="center", **style)
-
-
-def find_room(
-    words: str,
-    place: Array,
-    away: Array,
-    points: Array,
-    written: Sequence[Array],
-    links: Array | None = None,
-) -> Array:
-    """Find where words go beside a place: the box (2, 2), low and high corner [inch], that is whole in the picture
-    and covers no frame, no other words and if it can be no link; the first tried where there is none."""
-    half = 0.5 * np.array([LETTER * len(words), WORD_HEIGHT])
-    beside = np.array([half[0] * np.sign(away[0] or 1.0), 0.0])
-    upwards = 1.0 if away[1] > 0 else -1.0
-    centres = [place + NUMBER_OFFSET * away + beside]
-    for distance in NUMBER_OFFSET * np.array([1.0, 1.6, 2.2]):
-        for sign in (upwards, -upwards):
-            above = place + np.array([0.0, sign * distance])
-            centres += [above, above + beside, above - beside]
-    boxes = [np.stack([centre - half, centre + half]) for centre in centres]
-    free = [box for box in boxes if _is_free(box, points, written)]
-    if links is not None:
-        clear = [box for box in free if _is_free(box, links, ())]
-        free = clear or free
-    return free[0] if free else boxes[0]
-
-
-def _is_free(box: Array, points: Array, written: Sequence[Array]) -> bool:
-    if box[0].min() < EDGE:
-        return False
-    is_inside = (points > box[0] - DOT) & (points < box[1] + DOT)
-    meets = [(box[0] < other[1]).all() and (other[0] < box[1]).all() for other in written]
-    return not is_inside.all(1).any() and not any(meets)
 
 
 # -- axes
@@ -257,6 +235,7 @@ def _is_free(box: Array, points: Array, written: Sequence[Array]) -> bool:
 
 def _draw_triad(ax: Any, place: Array, seen: Array, name: str) -> None:
     """Draw the axes of one frame as the reader sees them: `seen` (3, 3), columns x y z."""
+    ends: list[Array] = []
     for letter, colour, axis in zip("xyz", AXIS_COLOURS, seen.T, strict=True):
         length = float(np.hypot(*axis[:2]))
         if length < HIDDEN:
@@ -267,8 +246,21 @@ def _draw_triad(ax: Any, place: Array, seen: Array, name: str) -> None:
             tip = place + TRIAD * axis[:2]
             arrow = {"arrowstyle": "-|>", "color": colour, "lw": 1.6, "mutation_scale": 7}
             ax.annotate("", tip, place, arrowprops=arrow | {"shrinkA": 0, "shrinkB": 0})
+        end = _keep_apart(end, place, ends)
+        ends.append(end)
         ax.text(*end, letter, color=colour, fontsize=8, ha="center", va="center")
     ax.text(place[0], place[1] - 0.5, name, ha="center", va="center", fontsize=7.5, color=INK)
+
+
+def _keep_apart(end: Array, place: Array, others: Sequence[Array]) -> Array:
+    """Return where the name of an axis stands: farther along it where other names are too near."""
+    way = end - place
+    step = LETTERS_APART * way / np.linalg.norm(way)
+    for _ in others:
+        gaps = [np.linalg.norm(end - other) for other in others]
+        if min(gaps) < LETTERS_APART:
+            end = end + step
+    return end
 
 
 def _draw_hidden(ax: Any, place: Array, colour: str, is_towards: bool) -> None:
