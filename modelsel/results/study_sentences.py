@@ -72,9 +72,11 @@ def format_mm(value: float | None) -> str:
 
 def format_motion(mm: float | None, mrad: float | None) -> str:
     """Return a displacement [mm]; of what moves the target by nothing that three decimals show, how
-    far it turns it, with its unit."""
+    far it turns it, with its unit; zero where three decimals show nothing of either."""
+    nothing = format_mm(0.0)
     moved = format_mm(mm)
-    if not mrad or moved != format_mm(0.0):
+    turned = format_mm(mrad)
+    if mrad is None or moved != nothing or turned == nothing:
         return moved
     return f"{write_rounded(mrad)} mrad"
 

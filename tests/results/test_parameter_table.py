@@ -28,6 +28,7 @@ from modelsel.results.parameter_table import (
     tabulate_calibrated,
     write_number_plainly,
 )
+from modelsel.results.study_sentences import format_motion
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import pose
 
@@ -181,3 +182,19 @@ def test_symbols_of_several_mechanisms_have_their_numbers() -> None:
     assert labels[:5] == ["c5", "c5 (1)", "m (2)", "h1", "m (3)"]
     assert labels[5:] == ["noise scale"]
     assert owners == ["joint-compliance:5", "3 rz x", "3 rz y"]
+
+
+@pytest.mark.parametrize(
+    ("mm", "mrad", "told"),
+    [
+        (0.271, 3.6, "0.271"),
+        (1.4e-7, 0.101, "0.101 mrad"),
+        (1.4e-7, 0.0344, "0.0344 mrad"),
+        (1.4e-7, 6.76e-8, "0.000"),
+        (0.0, 3.4e-7, "0.000"),
+        (0.0, None, "0.000"),
+        (None, None, "–"),
+    ],
+)
+def test_what_neither_moves_nor_turns_the_target_is_zero(mm, mrad, told) -> None:
+    assert format_motion(mm, mrad) == told
