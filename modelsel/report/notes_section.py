@@ -14,6 +14,7 @@ from .pages.parameter_uncertainty import (
     CERTAINTY_TITLE,
     QUANTILE_COLUMNS,
     caption_quantiles,
+    name_units,
     tabulate_quantiles,
     write_certainty,
 )
@@ -33,7 +34,7 @@ def write_certainty_section(source: Source) -> str:
 def _write_quantiles(record: StudyRecord) -> str:
     """Write the table of the sampled quantiles; nothing where there are none."""
     sampling = record.sampling
-    rows = [] if sampling is None else tabulate_quantiles(sampling.quantiles)
+    rows = [] if sampling is None else tabulate_quantiles(name_units(sampling.quantiles, record))
     if sampling is None or not rows:
         return ""
     cells = [[escape(cell) for cell in row] for row in rows]

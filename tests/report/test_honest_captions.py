@@ -5,10 +5,10 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import pytest
-from report_studies import source_of, written
+from report_studies import read_source, source_of, written
 
 from modelsel.report.figures.ladder import draw_ladder
-from modelsel.report.pages.front import describe_own_motion, describe_zone
+from modelsel.report.pages.front import describe_own_motion, describe_zone, write_first_page
 from modelsel.report.pages.parameter_uncertainty import _write_quantiles
 from modelsel.results.model_schema import QuantilesRecord
 
@@ -56,11 +56,40 @@ def test_a_scale_of_noise_beside_other_parts_is_not_the_floor(parts, words) -> N
         closed_form_median=None,
         closed_form_high=None,
     )
-    record = SimpleNamespace(repeatability=[None] * parts)
+    floor = SimpleNamespace(source="estimated")
+    record = SimpleNamespace(repeatability=[None] * parts, noise_floor=floor)
     (table,) = _write_quantiles([one], record)
     assert words in table["caption"]
     (other,) = _write_quantiles([one.model_copy(update={"name": "r1"})], record)
     assert "Noise" not in other["caption"]
+
+
+@pytest.mark.parametrize(
+    ("source", "said", "words"),
+    [
+        ("repeats", "of the estimated", "of the noise floor"),
+        ("target pairs", "of the estimated", "of the noise floor"),
+        ("estimated", "of the estimated", "of the noise assumed at first"),
+        ("stated", "of the stated", "of the stated noise"),
+        ("instrument", "of the estimated", "of the stated noise"),
+        ("estimated", "mm", "mm"),
+    ],
+)
+def test_a_multiple_of_a_noise_says_of_which(source, said, words) -> None:
+    values = {"low": 0.26, "median": 0.29, "high": 0.31}
+    forms = dict.fromkeys(("closed_form_low", "closed_form_median", "closed_form_high"))
+    one = QuantilesRecord(name="noise scale", unit=said, **values, **forms)
+    floor = SimpleNamespace(source=source)
+    record = SimpleNamespace(repeatability=[], noise_floor=floor)
+    (table,) = _write_quantiles([one], record)
+    assert table["rows"][0][-1] == words
+
+
+@pytest.mark.slow
+def test_the_ladder_s_caption_calls_no_base_a_finding(drawn) -> None:
+    first = write_first_page(read_source(drawn))
+    (caption,) = [block["caption"] for block in first if block.get("file") == "ladder.svg"]
+    assert "A row that begins with + adds to the row above it; in the grey zone" in caption
 
 
 @pytest.mark.slow

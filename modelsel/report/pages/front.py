@@ -87,8 +87,8 @@ def write_first_page(source: Source) -> list[Block]:
     figure = source.add_figure(
         "ladder",
         partial(draw_ladder, record),
-        "Rms position error of each model on the way from the nominal to the chosen one. Each row adds "
-        f"one finding; {describe_zone(record)}{_note_registration(record)}",
+        "Rms position error of each model on the way from the nominal to the chosen one. A row that begins with + "
+        f"adds to the row above it; {describe_zone(record)}{_note_registration(record)}",
         _ladder_words(record),
     )
     lead = [make_text(sentence, "lead") for sentence in opening_sentences(record)]

@@ -37,12 +37,20 @@ CERTAINTY_TITLE = "How well the parameters are known"
 # what names of scales of the noise begin with, and what such a scale is
 NOISE = "noise"
 SCALE_OF_NOISE = (
-    " Noise: standard deviation of one coordinate, or a multiple of what is stated or estimated."
+    " Noise: standard deviation of one coordinate, or a multiple of the noise that the unit names."
 )
 SCALE_BESIDE_PARTS = (
     " Noise: of one coordinate, without what else does not repeat, so that it may be far below the noise floor, or a "
-    "multiple of what is stated or estimated. All parts of what does not repeat grow with it."
+    "multiple of the noise that the unit names. All parts of what does not repeat grow with it."
 )
+# units of scales that multiply a noise, in result.json; and what that noise is, by the source of its floor
+MULTIPLES = ("of the stated", "of the estimated")
+STATED_NOISE = "of the stated noise"
+NOISES = {
+    "repeats": "of the noise floor",
+    "target pairs": "of the noise floor",
+    "estimated": "of the noise assumed at first",
+}
 DETERMINED = "The data determine every parameter of the chosen model."
 
 
@@ -175,7 +183,8 @@ def _write_draws(source: Source, sampling: SamplingRecord) -> list[Block]:
     trace = sampling.trace
     if not trace.names or not trace.draws:
         return []
-    units = {one.name: _choose_unit(one) for one in sampling.quantiles}
+    quantiles = name_units(sampling.quantiles, source.record)
+    units = {one.name: _choose_unit(one) for one in quantiles}
     caption = (
         "Draws from the posterior of the informative few. A narrow slanting cloud: two "
         "parameters that the data know only together."
@@ -208,12 +217,25 @@ QUANTILE_COLUMNS = (
 
 def _write_quantiles(quantiles: Sequence[QuantilesRecord], record: StudyRecord) -> list[Block]:
     """Write the table of quantiles; nothing where there are none."""
-    rows = tabulate_quantiles(quantiles)
+    named = name_units(quantiles, record)
+    rows = tabulate_quantiles(named)
     if not rows:
         return []
     caption = caption_quantiles(quantiles, record)
     table = make_table(QUANTILE_COLUMNS, rows, caption, [0.0] * len(QUANTILE_COLUMNS))
     return [table | {"dense": True}]
+
+
+def name_units(quantiles: Sequence[QuantilesRecord], record: StudyRecord) -> list[QuantilesRecord]:
+    """Return the quantiles, those of multiples of a noise with what it is."""
+    named = []
+    for one in quantiles:
+        unit = one.unit
+        if unit in MULTIPLES:
+            source = record.noise_floor.source
+            unit = NOISES.get(source, STATED_NOISE)
+        named.append(one.model_copy(update={"unit": unit}))
+    return named
 
 
 def tabulate_quantiles(quantiles: Sequence[QuantilesRecord]) -> list[list[str]]:
