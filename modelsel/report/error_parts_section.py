@@ -33,14 +33,12 @@ def _table(parts: list[ErrorPartRecord]) -> str:
     end = measure_axis(rms, high)
     largest = float(rms.max())
     factor, unit = choose_unit("mm", largest)
-    columns = [
-        *COLUMNS,
-        "share of what is left",
-        f"at the target, 0 to {round_digits(factor * end)} {unit}",
-    ]
+    scale = f"at the target, 0 to {round_digits(factor * end)} {unit}"
+    tracks = ("share of what is left, 0 to 100 %", scale)
+    columns = [*COLUMNS, *tracks]
     heads = [_head(name, is_number=0 < k < len(COLUMNS)) for k, name in enumerate(columns)]
     head = "".join(heads)
-    pictures = _draw_rows(parts, end)
+    pictures = _draw_rows(parts, end, tracks)
     rows = zip(tabulate_parts(parts), pictures, strict=True)
     lines = [f"<tr>{_cells(row)}{picture}</tr>" for row, picture in rows]
     body = "\n".join(lines)
@@ -62,11 +60,17 @@ def _cells(row: list[str]) -> str:
     return "".join(cells)
 
 
-def _draw_rows(parts: list[ErrorPartRecord], end: float) -> Iterator[str]:
-    """Draw share and interval of every part, in percent of their columns; the table has them in words."""
+def _draw_rows(parts: list[ErrorPartRecord], end: float, names: tuple[str, str]) -> Iterator[str]:
+    """Draw share and interval of every part, in percent of their columns, each with its name and scale; the
+    table has them in words."""
     for part, *interval in zip(parts, *scale_intervals(parts), strict=True):
         rms, low, high = (100 * min(float(value) / end, 1.0) for value in interval)
-        share = f'<div class="bar" style="width:{part.share:.1%}"></div>'
+        bar = f'<div class="bar" style="width:{part.share:.1%}"></div>'
+        share = f'<div class="scale">{bar}</div>'
         line = f'<i style="left:{low:.1f}%;width:{high - low:.1f}%"></i><b style="left:{rms:.1f}%"></b>'
-        cells = (share, f'<div class="range">{line}</div>')
-        yield "".join(f'<td class="track" aria-hidden="true">{cell}</td>' for cell in cells)
+        cells = (share, f'<div class="scale range">{line}</div>')
+        yield "".join(map(_write_track, names, cells))
+
+
+def _write_track(name: str, cell: str) -> str:
+    return f'<td class="track" aria-hidden="true" data-head="{escape(name)}">{cell}</td>'

@@ -19,7 +19,7 @@ function space(data, shown) {
     canvas.width = width * ratio; canvas.height = height * ratio;
     const pen = canvas.getContext("2d"), style = getComputedStyle(document.documentElement), colour = (n) => style.getPropertyValue(n).trim();
     pen.scale(ratio, ratio);
-    const place = (p) => project(p, middle, view, Math.min(0.47 * width, 0.6 * height) / radius * view.zoom, width, height);
+    const place = (p) => project(p, middle, view, 0.47 * Math.min(width, height) / radius * view.zoom, width, height);
     const line = (a, b) => { pen.beginPath(); pen.moveTo(...place(a)); pen.lineTo(...place(b)); pen.stroke(); };
     pen.strokeStyle = colour("--line"); pen.lineWidth = 1;
     for (let axis = 0; axis < 3; axis++) for (let corner = 0; corner < 4; corner++) {
