@@ -69,7 +69,7 @@ def test_a_scale_of_noise_beside_other_parts_is_not_the_floor(parts, words) -> N
     [
         ("repeats", "of the estimated", "of the noise floor"),
         ("target pairs", "of the estimated", "of the noise floor"),
-        ("estimated", "of the estimated", "of the noise assumed at first"),
+        ("estimated", "of the estimated", "of the assumed noise"),
         ("stated", "of the stated", "of the stated noise"),
         ("instrument", "of the estimated", "of the stated noise"),
         ("estimated", "mm", "mm"),

@@ -49,7 +49,7 @@ STATED_NOISE = "of the stated noise"
 NOISES = {
     "repeats": "of the noise floor",
     "target pairs": "of the noise floor",
-    "estimated": "of the noise assumed at first",
+    "estimated": "of the assumed noise",
 }
 DETERMINED = "The data determine every parameter of the chosen model."
 
