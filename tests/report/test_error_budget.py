@@ -80,7 +80,7 @@ def test_the_instrument_alone_is_one_sentence(drawn) -> None:
     assert source.pictures == {}
     page = write_page(source).decode()
     assert escape(alone.sentence) in page
-    assert 'class="range"' not in page
+    assert 'class="scale range"' not in page
 
 
 def test_no_part_no_section(drawn) -> None:
