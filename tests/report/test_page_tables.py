@@ -79,16 +79,20 @@ def test_no_table_of_quantiles_without_a_sampling(drawn) -> None:
 SCROLLING = """
 document.querySelectorAll("details").forEach((one) => { one.open = true; });
 const wide = document.querySelector(".wide:has(.calibrated)");
+wide.firstElementChild.style.minWidth = arguments[0];
 return [document.documentElement.scrollWidth, wide.scrollWidth > wide.clientWidth];
 """
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("width", "scrolls"), [(1280, False), (700, True), (390, False)])
-def test_wide_tables_scroll_within_themselves(browser, drawn, width, scrolls) -> None:
+@pytest.mark.parametrize(
+    ("width", "least", "scrolls"),
+    [(1280, "0", False), (700, "0", False), (700, "60rem", True), (390, "0", False)],
+)
+def test_wide_tables_scroll_within_themselves(browser, drawn, width, least, scrolls) -> None:
     resize(browser, width, 900)
     opened(browser, drawn / "report.html")
-    assert browser.execute_script(SCROLLING) == [width, scrolls]
+    assert browser.execute_script(SCROLLING, least) == [width, scrolls]
 
 
 def test_words_of_the_data_are_escaped_in_the_table(drawn) -> None:
