@@ -1,0 +1,67 @@
+"""Held-out rows that lie beside estimation rows of one path, which say little of other paths."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._typing import Array, Index
+from ..exceptions import write_percent
+from ..measurements.measurements import Measurements
+from ..notices import Note
+
+# configurations of either kind from which distances say something
+FEWEST_ESTIMATION, FEWEST_HELD_OUT = 20, 5
+# configurations whose nearest others are sought
+MOST_ASKED = 300
+# share of the campaign around a configuration whose configurations may be of the same path
+SAME_PATH = 0.1
+# of the distance to other paths, below which held-out configurations are near
+NEAR = 0.2
+
+
+def note_near_rows(data: Measurements, estimation: NDArray[np.bool_]) -> list[Note]:
+    """Note held-out configurations that are much nearer to estimation rows of the same path than to those
+    of other paths; estimation: mask (m,) of the rows that fit."""
+    share = _compare_distances(data, estimation)
+    if share is None or share >= NEAR:
+        return []
+    written = write_percent(share, 1)
+    sentence = (
+        "Held-out configurations lie between estimation configurations of the same paths, at "
+        f"{written} of the distance (median) at which other paths pass. Their error says what the model is worth "
+        "on these paths, and may be too good for others: name the path of every row in a column, "
+        "and hold out whole paths with [split] column."
+    )
+    return [Note("held-out-near", sentence)]
+
+
+def _compare_distances(data: Measurements, estimation: NDArray[np.bool_]) -> float | None:
+    """Compare the distances in joints from held-out to estimation configurations with those to such as
+    are far apart in the campaign: ratio of medians; None of few."""
+    _, first = np.unique(data.configuration, return_index=True)
+    fits = first[estimation[first]]
+    held = first[~estimation[first]]
+    if len(fits) < FEWEST_ESTIMATION or len(held) < FEWEST_HELD_OUT:
+        return None
+    scale = np.maximum(data.q[fits].std(axis=0), np.finfo(float).tiny)
+    scaled = data.q / scale
+    beside = _measure_nearest(scaled, held, fits, data.progress, 0.0)
+    apart = _measure_nearest(scaled, held, fits, data.progress, SAME_PATH)
+    if not np.isfinite(apart) or not apart:
+        return None
+    return beside / apart
+
+
+def _measure_nearest(q: Array, rows: Index, others: Index, progress: Array, apart: float) -> float:
+    """Measure the median distance from rows, of many some, to the nearest of other rows that are at least
+    so far `apart` in the campaign."""
+    from scipy.spatial.distance import cdist
+
+    step = -(-len(rows) // MOST_ASKED)
+    some = rows[::step]
+    distance = cdist(q[some], q[others])
+    between = np.subtract.outer(progress[some], progress[others])
+    distance[np.abs(between) < apart] = np.inf
+    nearest = distance.min(axis=1)
+    return float(np.median(nearest))
