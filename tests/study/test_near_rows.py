@@ -29,8 +29,8 @@ def say(q: np.ndarray, estimation: np.ndarray) -> list[str]:
 
 @seeds(1, 2, 3)
 def test_held_out_rows_of_the_same_paths_are_told(rng: np.random.Generator) -> None:
-    q = draw_paths(rng, 8, int(rng.integers(12, 25)))
-    (said,) = say(q, rng.random(len(q)) < rng.uniform(0.4, 0.8))
+    q = draw_paths(rng, 8, int(rng.integers(20, 40)))
+    (said,) = say(q, rng.random(len(q)) < rng.uniform(0.6, 0.8))
     assert "on these paths" in said
     # whole paths that are held out are others
     assert say(q, np.arange(len(q)) % len(q) < 0.7 * len(q)) == []
