@@ -92,7 +92,7 @@ def load_later(
             table = name_columns(table, c.robot.n)
         mapping, mapped = c.form.read_columns(table, columns)
         if is_joined:
-            _refuse_points_alone(table, mapping)
+            _refuse_points_alone(c, table, mapping)
         return LaterFiles(table, mapping, (mapped,) if mapped else (), hash_source(file))
     from ..study.joined_study import draft_joined_study, map_later_columns
     from ..study.study_folder import write_joined_table
@@ -106,13 +106,25 @@ def load_later(
     return LaterFiles(load_table(draft.source), draft.columns, draft.remarks, digest)
 
 
-def _refuse_points_alone(table: Table, mapping: Mapping[str, str]) -> None:
-    """Refuse points without joint readings, of a study whose rows were joined. Raises DataError."""
-    from ..measurements.contract_columns import JOINT_COLUMN
+def _refuse_points_alone(c: Calibration, table: Table, mapping: Mapping[str, str]) -> None:
+    """Refuse points without joint readings, of a study whose rows were joined; readings under other
+    names are left to the reader, who proposes a mapping. Raises DataError."""
+    from ..measurements.column_guesses import guess_columns, list_missing_joints
+    from ..measurements.grad_columns import JOINTS
+    from ..measurements.numbered_joints import find_numbered_joints
+    from ..measurements.table import rename_columns
+    from ..robot.urdf import read_joint_names
 
-    if not any(JOINT_COLUMN.fullmatch(name) for name in (*table.columns, *mapping)):
-        raise table.where.refuse(
-            "it holds points only; the study's rows were joined from points and joint readings in two "
-            "files.",
-            remedy="Give the file of joint readings, too: --joints LOG.",
-        )
+    renamed = rename_columns(table, mapping)
+    prismatic = c.robot.prismatic
+    missing = list_missing_joints(renamed, prismatic)
+    if len(missing) < c.robot.n or find_numbered_joints(renamed):
+        return
+    guesses = guess_columns(renamed, prismatic, read_joint_names(c.robot))
+    if any(guess.readings for guess in guesses if guess.what == JOINTS):
+        return
+    raise table.where.refuse(
+        "it holds points only; the study's rows were joined from points and joint readings in two "
+        "files.",
+        remedy="Give the file of joint readings, too: --joints LOG.",
+    )

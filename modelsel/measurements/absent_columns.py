@@ -5,13 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..exceptions import list_within
+from .column_guesses import list_missing_joints
 from .columns import POSITION_UNITS, READING_UNITS
+from .numbered_joints import describe_missing_joints
 from .table import Table
 
 
 def refuse_absent_columns(table: Table, prismatic: Sequence[bool], positions: bool) -> None:
     """Refuse a table that lacks several of the joints' readings and, where they must be there, of
     the coordinates of `positions`; one alone is refused where it is read. Raises DataError."""
+    joints = len(prismatic)
+    if len(list_missing_joints(table, prismatic)) == joints:
+        missing = describe_missing_joints(table, joints)
+        if missing:
+            raise table.where.refuse(missing, remedy="Export them all.")
     quantities: dict[str, Sequence[str]] = {}
     for j, slides in enumerate(prismatic, 1):
         quantities[f"q{j}"] = READING_UNITS[slides]

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
-from typing import TypeAlias
+from typing import Any
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from .column_names import (
 )
 from .columns import POSITION_UNITS, READING_UNITS, convert_to_numbers, read_numbers
 from .joint_names import find_named_joints
+from .numbered_joints import describe_missing_joints, group_numbered_joints
 from .other_units import convert_units
 from .table import Table
 
@@ -37,8 +38,6 @@ MIN_EXTENT_MM = 20.0
 MAX_EXTENT_M = 10.0
 # share of cells that are numbers in a column of numbers
 MIN_NUMBERS = 0.8
-# the word that says the quantity, and the others in a name
-Family: TypeAlias = tuple[str, frozenset[str]]
 UNIT_NAMES = {"deg": "degrees", "rad": "radians", "mm": "mm", "m": "m", "in": "inches"}
 
 
@@ -82,7 +81,7 @@ def guess_columns(
     the robot file calls the joints, where it does."""
     units = table.units
     names = [parse_column_name(name, units.get(name)) for name in table.columns]
-    numeric = [name for name in names if _is_numeric(table, name.given)]
+    numeric = [name for name in names if is_numeric(table, name.given)]
     choices = []
     if list_missing_joints(table, prismatic):
         readings = _read_joint_columns(table, numeric, prismatic, joint_names)
@@ -103,7 +102,7 @@ def find_spoilt_cell(
     if choice.readings or not len(table):
         return None
     columns = {
-        name: cells if _is_numeric(table, name) else np.arange(len(table), dtype=float)
+        name: cells if is_numeric(table, name) else np.arange(len(table), dtype=float)
         for name, cells in table.columns.items()
     }
     filled = replace(table, columns=columns)
@@ -136,7 +135,8 @@ def _lacks_axis(table: Table, axis: str) -> bool:
     return not any(f"{axis}_{unit}" in table for unit in POSITION_UNITS)
 
 
-def _is_numeric(table: Table, name: str) -> bool:
+def is_numeric(table: Table, name: str) -> bool:
+    """Whether most cells of a column are numbers."""
     values = convert_to_numbers(table.columns[name])
     if not len(values):
         return False
@@ -158,16 +158,8 @@ def _read_joint_columns(
     if named:
         whole = [_read_family(table, columns, prismatic) for columns in _prefer_measured(named)]
         return tuple(_list_each(reading) for readings in whole for reading in readings)
-    families: dict[Family, dict[int, ColumnName]] = defaultdict(dict)
-    for name in names:
-        is_other = name.words & OTHER_QUANTITIES
-        is_joint = name.quantity == "joint"
-        if is_other or not is_joint or name.number is None:
-            continue
-        family = families[name.stem, name.words]
-        family.setdefault(name.number, name)
     complete = []
-    for family in families.values():
+    for family in group_numbered_joints(names):
         first = 0 if 0 in family else 1
         numbers = range(first, first + count)
         goes_on = first + count in family
@@ -271,7 +263,7 @@ def _list_angle_units(largest: float) -> tuple[list[str], str]:
 
 def _read_position_columns(table: Table, names: Sequence[ColumnName]) -> tuple[Reading, ...]:
     """List the readings of columns that are called x, y and z."""
-    families: dict[Family, dict[str, ColumnName]] = defaultdict(dict)
+    families: dict[Any, dict[str, ColumnName]] = defaultdict(dict)
     for name in names:
         is_other = name.words & (OTHER_QUANTITIES | TURN_WORDS)
         axis = name.quantity
@@ -332,25 +324,30 @@ def _quote(name: str) -> str:
 
 
 def propose_columns(
-    table: Table, prismatic: Sequence[bool], joint_names: Sequence[str] = ()
+    table: Table, prismatic: Sequence[bool], joint_names: Sequence[str] = (), positions: bool = True
 ) -> DataError | None:
-    """Return the error that proposes names for all missing columns at once; None where fewer than
-    two are missing, or nothing looks like any of them."""
+    """Return the error that proposes names for all missing columns at once, those of `positions`
+    where they must be there; None where fewer than two are missing, or nothing looks like any."""
     lacking = len(list_missing_joints(table, prismatic))
-    lacking += sum(map(partial(_lacks_axis, table), AXES))
+    if positions:
+        lacking += sum(map(partial(_lacks_axis, table), AXES))
     if lacking < 2:
         return None
     converted = convert_units(table, prismatic, ())
     originals = converted.originals
     guesses = guess_columns(converted.table, prismatic, joint_names)
-    choices = [name_originals(choice, originals) for choice in guesses]
+    choices = [
+        name_originals(choice, originals)
+        for choice in guesses
+        if positions or choice.what != "the position"
+    ]
     for choice in choices:
         spoilt = find_spoilt_cell(table, choice, prismatic, joint_names)
         if spoilt is not None:
             return spoilt
     if not any(choice.readings for choice in choices):
         return None
-    sentences = [_describe_choice(choice) for choice in choices]
+    sentences = [_describe_choice(table, choice, len(prismatic)) for choice in choices]
     guessed = merge_columns([choice.readings[0] for choice in choices if choice.readings])
     mapping = {wanted: originals.get(name, name) for wanted, name in guessed.items()}
     where = table.where
@@ -386,9 +383,10 @@ def merge_columns(readings: Sequence[Reading]) -> dict[str, str]:
     return merged
 
 
-def _describe_choice(choice: Choice) -> str:
+def _describe_choice(table: Table, choice: Choice, joints: int) -> str:
     if not choice.readings:
-        return f"Nothing looks like {choice.what}."
+        missing = describe_missing_joints(table, joints) if "joint" in choice.what else ""
+        return missing or f"Nothing looks like {choice.what}."
     first, *others = choice.readings
     what = choice.what
     looks = "looks"

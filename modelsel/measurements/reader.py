@@ -164,8 +164,10 @@ def _load_contract_table(
     known = list_contract_names(prismatic)
     if not has_kinds:
         known -= set(KIND_COLUMNS)
-    proposal = None if has_kinds else propose_columns(table, prismatic, joint_names)
-    if proposal is not None and positions:
+    proposal = None
+    if not has_kinds:
+        proposal = propose_columns(table, prismatic, joint_names, positions)
+    if proposal is not None:
         raise proposal
     refuse_other_units(table, known, prismatic, has_kinds)
     return table

@@ -9,8 +9,10 @@ from collections.abc import Sequence
 from itertools import groupby
 
 from ..exceptions import DataError, count_words, one_line, sentence_list
-from ..measurements.column_guesses import Choice, find_spoilt_cell
+from ..measurements.column_guesses import Choice, find_spoilt_cell, is_numeric, merge_columns
 from ..measurements.column_names import AXES, ColumnName, parse_column_name
+from ..measurements.contract_columns import list_contract_names
+from ..measurements.numbered_joints import describe_missing_joints, find_numbered_joints
 from ..measurements.table import Table
 from ..robot.kinematics import Robot
 from ..robot.urdf import read_joint_names
@@ -18,8 +20,6 @@ from ..robot.urdf import read_joint_names
 # columns that a message names
 MAX_SHOWN = 20
 NUMBERED_AXIS = re.compile(r"([xyz])[ _]?(\d{1,2})(?![\w.])", re.IGNORECASE)
-# columns that number joints, at least
-MIN_JOINTS = 3
 # numbers in one cell
 LIST = re.compile(r"\s*[\[({]\s*[-+.\de]+(\s*[,;\s]\s*[-+.\de]+)+\s*[\])}]\s*", re.IGNORECASE)
 # distance, bearing and elevation, as instruments call them
@@ -30,8 +30,11 @@ SPHERICAL = (
 )
 
 
-def refuse_missing(table: Table, choice: Choice, robot: Robot) -> DataError:
-    """Return the error of a file in which nothing looks like joint readings, or like a position."""
+def refuse_missing(
+    table: Table, choice: Choice, robot: Robot, choices: Sequence[Choice] = ()
+) -> DataError:
+    """Return the error of a file in which nothing looks like joint readings, or like a position;
+    `choices`: what it has of both."""
     spoilt = find_spoilt_cell(table, choice, robot.prismatic, read_joint_names(robot))
     if spoilt is not None:
         return spoilt
@@ -39,6 +42,7 @@ def refuse_missing(table: Table, choice: Choice, robot: Robot) -> DataError:
         _explain_lists(table)
         or _explain_count(table, choice.what, robot)
         or _explain_columns(table, choice.what)
+        or _explain_half(table, choice, robot, choices)
     )
     if known is not None:
         what, remedy = known
@@ -58,6 +62,32 @@ def refuse_missing(table: Table, choice: Choice, robot: Robot) -> DataError:
         f"nothing looks like {choice.what}: {joints}, and the columns are {listed}.",
         remedy=f"Say which they are: --column {first}=NAME, and so on ({wanted}).",
     )
+
+
+def _explain_half(
+    table: Table, choice: Choice, robot: Robot, choices: Sequence[Choice]
+) -> tuple[str, str] | None:
+    """Say that a file is one of two, points or joint readings alone; None where other columns of
+    numbers may be what it lacks, or two files were joined."""
+    others = [each for each in choices if each is not choice]
+    if table.where.parts or not all(each.readings for each in others):
+        return None
+    taken = merge_columns([each.readings[0] for each in others])
+    own = set(taken.values()) | list_contract_names(robot.prismatic)
+    free = [name for name in table.columns if name not in own and is_numeric(table, name)]
+    joints = count_words(robot.n, "joint")
+    if "joint" not in choice.what:
+        if len(free) >= len(AXES):
+            return None
+        command = f"modelsel init POINTS --joints {shlex.quote(table.where.file)}"
+        return (
+            "it holds joint readings only.",
+            f"Give the file of points, and this one with it: {command}.",
+        )
+    if len(free) >= robot.n:
+        return None
+    what = f"it holds points only: no columns look like the readings of {robot.name}'s {joints}."
+    return what, "Give the controller's log of them, too: --joints LOG."
 
 
 def _name_readings(prismatic: Sequence[bool]) -> tuple[str, str]:
@@ -85,23 +115,30 @@ def _explain_count(table: Table, what: str, robot: Robot) -> tuple[str, str] | N
     """Say that columns number more or fewer joints than the robot has; None where none do."""
     if "joint" not in what:
         return None
-    families: dict[tuple[str, frozenset[str]], dict[int, str]] = defaultdict(dict)
-    for given in table.columns:
-        name = parse_column_name(given, table.units.get(given))
-        if name.quantity == "joint" and name.number is not None:
-            family = families[name.stem, name.words]
-            family[name.number] = given
-    largest = max(families.values(), key=len, default={})
-    count = len(largest)
-    first = min(largest, default=0)
-    if count < MIN_JOINTS or count == robot.n or set(largest) != set(range(first, first + count)):
+    found = find_numbered_joints(table)
+    count = len(found)
+    first = min(found, default=0)
+    one_by_one = range(first, first + count)
+    if first > 1 or set(found) != set(one_by_one):
+        return _explain_gap(table, robot)
+    if not found or count == robot.n:
         return None
-    begin, end = largest[first], largest[first + count - 1]
     wanted, _ = _name_readings(robot.prismatic)
+    begin, end = found[first].given, found[first + count - 1].given
     option = shlex.quote(f"{wanted}={begin}")
     joints = count_words(robot.n, "joint")
     what = f'"{one_line(begin)}" to "{one_line(end)}" are {count} readings, but {robot.name} has {joints}.'
     return what, f"Check the robot; or say which are its joints: --column {option}, and so on."
+
+
+def _explain_gap(table: Table, robot: Robot) -> tuple[str, str] | None:
+    """Say that some joints have no column where the others have one; None where all have."""
+    missing = describe_missing_joints(table, robot.n)
+    first, wanted = _name_readings(robot.prismatic)
+    remedy = f"Add them; or say which columns are the joints: --column {first}=NAME, and so on ({wanted})."
+    if " has no column" in missing:
+        remedy = remedy.replace("Add them", "Add it")
+    return (missing, remedy) if missing else None
 
 
 def _explain_lists(table: Table) -> tuple[str, str] | None:

@@ -177,7 +177,7 @@ def draft_study(source: DataFile | Table, robot: Robot, given: Mapping[str, str]
     choices = drop_unreachable(guessed, renamed.columns, robot)
     for choice in choices:
         if not choice.readings:
-            raise refuse_missing(as_given, choice, robot)
+            raise refuse_missing(as_given, choice, robot, choices)
     own = [name_originals(choice, converted.originals) for choice in choices]
     named = name_meanings(own, meanings)
     draft = StudyDraft(

@@ -931,6 +931,42 @@ def test_other_numbers_of_joints_are_told(count) -> None:
     assert "--column q1_deg=q0, and so on" in ran.stderr
 
 
+@pytest.mark.parametrize(
+    ("absent", "says"),
+    [
+        (
+            ["J4"],
+            '"J5" and "J6" look like joint readings, but joint 4 of 6 has no column. Add it; or',
+        ),
+        (["J1"], "but joint 1 of 6 has no column. Add it; or"),
+        (["J2", "J4"], "but joints 2 and 4 of 6 have no column. Add them; or"),
+    ],
+)
+def test_joints_without_a_column_are_named(absent, says) -> None:
+    campaign().drop(columns=absent).to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert ran.exit_code == 3
+    assert says in ran.stderr
+    assert "--column q1_deg=NAME" in ran.stderr
+
+
+def test_one_file_of_two_asks_for_the_other() -> None:
+    frame = campaign()
+    frame.insert(0, "Name", [f"P{k}" for k in range(len(frame))])
+    frame[["Name", "X", "Y", "Z"]].to_csv("points.csv", index=False)
+    ran = invoked("init", "points.csv", "--robot", "ur10", "--yes")
+    assert ran.exit_code == 3
+    assert "it holds points only" in ran.stderr
+    assert "--joints LOG" in ran.stderr
+    frame.drop(columns=["X", "Y", "Z"]).to_csv("log.csv", index=False)
+    ran = invoked("init", "log.csv", "--robot", "ur10", "--yes")
+    assert ran.exit_code == 3
+    assert "it holds joint readings only" in ran.stderr
+    assert "modelsel init POINTS --joints log.csv" in ran.stderr
+    both = invoked("init", "points.csv", "--joints", "log.csv", "--robot", "ur10", "--yes")
+    assert both.exit_code == 0, both.output
+
+
 def test_joints_as_the_german_pendant_of_a_ur_calls_them() -> None:
     names = ["Basis", "Schulter", "Ellbogen", *(f"Handgelenk {k}" for k in (1, 2, 3))]
     frame = campaign()

@@ -131,6 +131,33 @@ def test_points_alone_ask_for_the_log(folder: Path) -> None:
     assert "go with --joints" in idle.stderr
 
 
+@pytest.mark.parametrize("command", ["validate", "compensate"])
+def test_one_file_of_readings_and_points_is_proposed_a_mapping(folder: Path, command: str) -> None:
+    """A later file of another form than the two that the study was joined from."""
+    points = pd.read_csv(folder / "later.csv")[["Point", *POINTS]]
+    log = pd.read_csv(folder / "later_log.csv").rename(columns={"Name": "Point"})
+    whole = log.merge(points)
+    whole.columns = [name.replace("A", "Joint ") for name in whole.columns]
+    file = folder / "whole.csv"
+    whole.to_csv(file, index=False)
+    out = ("--out", folder / "whole_out.csv") if command == "compensate" else ()
+    ran = run(command, folder / "out", file, *out)
+    assert ran.exit_code == 3
+    assert 'The joint readings look like "Joint 1 [deg]" to "Joint 6 [deg]"' in ran.stderr
+    assert "--column 'q6_deg=Joint 6 [deg]'" in ran.stderr
+    assert "NAME1" not in ran.stderr
+    assert "points only" not in ran.stderr
+
+
+def test_a_joint_without_a_column_is_named(folder: Path) -> None:
+    log = pd.read_csv(folder / "later_log.csv").drop(columns="A4 [deg]")
+    log = log.rename(columns=lambda name: name.replace("A", "J"))
+    log.to_csv(folder / "gap.csv", index=False)
+    ran = run("validate", folder / "out", folder / "gap.csv")
+    assert ran.exit_code == 3
+    assert '"J5 [deg]" and "J6 [deg]" look like joint readings, but joint 4 of 6' in ran.stderr
+
+
 def test_commands_of_a_log_are_compensated_under_its_own_names(folder: Path) -> None:
     """A log alone holds commands; with points it says where they are wanted."""
     out = folder / "commands.csv"
