@@ -8,7 +8,7 @@ import numpy as np
 from .._linalg import orthonormal_basis, project_out
 from .._typing import Array
 from ..fitting.noise import Floor
-from ..fitting.noise_check import lack
+from ..fitting.noise_check import CLEARLY_TOO_LARGE, lack
 from ..fitting.problem import Problem
 from ..mechanisms.causes import Named
 from ..mechanisms.terms import Screw, Term
@@ -32,15 +32,10 @@ def is_louder_noise(
     What any change of the set-up, the geometry, the model's effects or a joint's play leaves is the
     noise that the data have of their own. It is louder, and with it they agree with the calibration,
     whose uncertainty has the factors `spread` (m, 3, r) [mm]; `free` (m, 3, k): what was fitted."""
-    basis = _span_changes(c, at, free)
-    left = project_out(residual.ravel(), basis)
-    rank = basis.shape[1]
-    freedom = len(left) - rank
-    if freedom < MIN_FREEDOM:
+    measured = measure_own_noise(c, at, residual, free)
+    if measured is None:
         return False
-    squares = np.square(left)
-    variance = squares.sum() / freedom
-    own = float(np.sqrt(variance))
+    own, freedom = measured
     expected = floor.coordinate_mm
     louder = lack(floor, own / expected, freedom)
     if not louder.outside:
@@ -54,6 +49,38 @@ def is_louder_noise(
     explained = test.T - freedom
     p = compute_ratio_p(count, freedom, explained / count)
     return p > MIN_P
+
+
+def find_quieter_noise(
+    c: Calibration, at: Problem, residual: Array, floor: Floor, free: Array
+) -> tuple[float, int] | None:
+    """Return the noise [mm] that new data have of their own, and its degrees of freedom, where it is
+    far below the one that the study measured (`floor`); None where it is not, or was stated."""
+    if np.isinf(floor.freedom):
+        return None
+    measured = measure_own_noise(c, at, residual, free)
+    if measured is None:
+        return None
+    own, freedom = measured
+    quieter = lack(floor, own / floor.coordinate_mm, freedom)
+    is_far = quieter.outside and quieter.factor < 1 / CLEARLY_TOO_LARGE
+    return measured if is_far else None
+
+
+def measure_own_noise(
+    c: Calibration, at: Problem, residual: Array, free: Array
+) -> tuple[float, int] | None:
+    """Measure the noise [mm] of a coordinate that no change explains in residuals (m, 3) [mm]:
+    (noise, degrees of freedom); None where too few are left."""
+    basis = _span_changes(c, at, free)
+    left = project_out(residual.ravel(), basis)
+    rank = basis.shape[1]
+    freedom = len(left) - rank
+    if freedom < MIN_FREEDOM:
+        return None
+    squares = np.square(left)
+    variance = squares.sum() / freedom
+    return float(np.sqrt(variance)), freedom
 
 
 def _span_changes(c: Calibration, at: Problem, free: Array) -> Array:

@@ -33,7 +33,7 @@ from .expected_noise import (
     is_overstated,
 )
 from .known_names import list_unknown_targets
-from .louder_noise import is_louder_noise
+from .louder_noise import find_quieter_noise, is_louder_noise
 from .mistaken_data import (
     check_near_arm,
     describe_wrong_registered_rows,
@@ -75,6 +75,8 @@ class Verdict:
     patternless: bool = False  # beyond what is expected, as louder noise is
     by_size: bool = False  # p is that of the errors' size
     beyond: int = 0  # rows beyond what the calibration has seen
+    # noise [mm] that the study measured and that of the new data, expected where it is far below
+    quieter: tuple[float, float] | None = None
 
     @property
     def factor(self) -> float:
@@ -192,6 +194,10 @@ def _judge_rows(c: Calibration, data: Measurements, free_setup: bool) -> Verdict
     check_near_arm(c, bound, residual, free_setup)
     spread = propagate_uncertainty(c, problem)
     sigma, freedom = expect_noise(c, spread)
+    studied = replace(c.floor, coordinate_mm=sigma)
+    quieter = find_quieter_noise(c, problem, residual, studied, free)
+    if quieter is not None:
+        sigma, freedom = quieter
     test = compute_statistic(residual / sigma, spread / sigma, free)
     size = standardise_residual(residual, spread, sigma)
     row_p = compute_chi2_p(3, size**2)
@@ -232,6 +238,7 @@ def _judge_rows(c: Calibration, data: Measurements, free_setup: bool) -> Verdict
         patternless=patternless,
         by_size=p < whitened_p,
         beyond=count_rows_beyond(c, data),
+        quieter=None if quieter is None else (studied.coordinate_mm, sigma),
     )
 
 

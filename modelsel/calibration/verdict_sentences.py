@@ -30,6 +30,12 @@ MIN_HALF_ROWS = 5
 def describe_verdict(data: Measurements, verdict: Verdict) -> list[str]:
     """Describe the verdict in one sentence, then what belongs to it."""
     sentences = [_summarise_verdict(data, verdict)]
+    if verdict.quieter is not None:
+        before, now = map(write_rounded, verdict.quieter)
+        sentences.append(
+            f"The study estimated a noise of {before} mm per coordinate; the new data show {now} mm, which is "
+            "expected here instead."
+        )
     if verdict.worst and not verdict.mistaken:
         sentences.append(_list_worst(data, verdict))
     if verdict.new_targets:

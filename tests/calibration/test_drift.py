@@ -406,6 +406,27 @@ def test_estimated_noise_is_no_certainty(rng) -> None:
     assert judge(sure, new, False).p < judge(unsure, new, False).p
 
 
+@pytest.mark.parametrize(("by", "drifted"), [(0.0, False), (0.6, True)])
+def test_new_data_far_below_an_estimated_noise_are_judged_by_their_own(by, drifted, rng) -> None:
+    """Nobody stated the noise: that the data show less of it is no mistake of the study's."""
+    model, theta = truth()
+    loud = Floor(4 * NOISE, "estimated", 100.0)
+    c = calibrated(np.random.default_rng(1), model, theta, floor=loud)
+    changed = theta.copy()
+    changed[place(model, "a4")] += by
+    data = campaign(rng, 40, model, changed)
+    found = judge(c, data, False)
+    assert found.doubts == ()
+    assert found.drifted is drifted
+    assert found.quieter is not None
+    assert found.quieter == pytest.approx((4 * NOISE, NOISE), rel=0.2)
+    said = told(data, found)
+    assert not any("stated" in sentence for sentence in said)
+    assert "The study estimated a noise of" in said[1]
+    sure = replace(c, floor=replace(loud, freedom=np.inf))
+    assert judge(sure, data, False).quieter is None
+
+
 # -- two campaigns
 # -------------------------------------------------------------------------------------------------------------
 
