@@ -23,7 +23,7 @@ from ..fitting.noise import Floor, Instrument, weigh
 from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
 from ..measurements.visits import count_distinct
-from ..notices import Note
+from ..notices import OTHER_ROBOT, SETUP_MISTAKE, Note
 from ..robot.kinematics import Robot
 from ..selection.evaluation import Split
 from ..selection.splits import assign_folds
@@ -47,6 +47,8 @@ from .stated_noise import note_overlooked_noise
 
 Mask = NDArray[np.bool_]
 
+# of mistakes with which the arm is so far off that nothing is known of where it stands
+FAR_CODES = (SETUP_MISTAKE, OTHER_ROBOT, "rows-shifted", "targets-mistaken")
 METRES = 0.01  # of the arm's reach: coordinates so small (median length) look like metres
 
 
@@ -79,7 +81,8 @@ def prepare(
     problem, floor = weigh(problem, read_instrument(study.noise), study.noise.floor_mm)
     notes += note_overlooked_noise(study.noise, data)
     is_stated = study.robot.gravity is not None or not study.robot.register_
-    notes += note_gravity(robot, problem, is_stated)
+    is_far = any(note.code in FAR_CODES for note in setup_notes)
+    notes += note_gravity(robot, problem, is_stated or is_far)
     notes += note_constant_causes(study, problem)
     _check_enough_configurations(study, data, estimation)
     folds = _assign_folds(study, data, estimation)

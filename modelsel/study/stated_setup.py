@@ -85,14 +85,15 @@ class StatedSetup:
             if problem is None:
                 return lines
             if self.aligned:
-                left = np.linalg.norm(residuals(problem)[:, :3], axis=1)
-                said = f"As aligned, with the target given, the nominal arm fits to {write_rounded(float(np.median(left)))} mm"
+                left = _compute_misfit(problem)
+                said = f"As aligned, with the target given, the nominal arm fits to {write_rounded(left)} mm"
                 lines.append(f"{said} (median), including the alignment error.")
-                if np.median(left) > FAR_SHARE * robot.reach:
+                if not _is_near(problem):
                     lines.append(OTHER_FRAME)
             elif self.gravity is None:
                 placed = register(problem, np.ones(len(problem), bool), per_group=False)
-                lines.append(describe_upward_gravity(robot, placed) or "")
+                if _is_near(placed):
+                    lines.append(describe_upward_gravity(robot, placed) or "")
         except (DataError, NotEstimable):
             return lines
         return [line for line in lines if line]
@@ -100,6 +101,19 @@ class StatedSetup:
     def _set_up(self, robot: Robot, data: Measurements) -> Problem:
         tool = np.array(self.tool or (0.0, 0.0, 0.0))
         return Problem(robot, data, np.tile(tool, (len(data.targets), 1)))
+
+
+def _compute_misfit(problem: Problem) -> float:
+    """Compute the median distance [mm] of the positions from the nominal arm as it stands."""
+    offset = residuals(problem)[:, :3]
+    distance = np.linalg.norm(offset, axis=1)
+    return float(np.median(distance))
+
+
+def _is_near(problem: Problem) -> bool:
+    """Whether the nominal arm fits: of one that is far off, nothing is known of where it stands."""
+    farthest = FAR_SHARE * problem.robot.reach
+    return _compute_misfit(problem) <= farthest
 
 
 def _write_numbers(values: Triple) -> str:

@@ -142,3 +142,19 @@ def test_init_warns_of_gravity_and_takes_another(tmp_path, monkeypatch) -> None:
         "c",
     )
     assert 'As given: q1_deg = "J1", q2_deg = "J2"' in mapped.stdout
+
+
+def test_gravity_is_not_questioned_where_the_arm_is_far_off(tmp_path, monkeypatch) -> None:
+    """The zero of joint 5 is 40° off: first the mistake, then where the robot stands."""
+    monkeypatch.chdir(tmp_path)
+    write(rotation_matrix(0, np.pi))
+    frame = pd.read_csv("m.csv")
+    frame["J5"] += 40
+    frame.to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert "(median): that is far" in ran.stdout
+    assert "gravity" not in ran.stdout.lower()
+    dry = invoked("study", "m", "--dry-run")
+    assert dry.exit_code == 0
+    assert "joint 5" in dry.stdout
+    assert "gravity" not in dry.stdout.lower()
