@@ -33,6 +33,7 @@ from .mechanism_changes import (
     two_sided_p,
     two_sided_quantile,
 )
+from .noise_changes import NoiseChange, find_noise_change
 from .target_changes import (
     TargetChange,
     TargetMotion,
@@ -101,6 +102,7 @@ class Comparison:
     target_motions: tuple[TargetMotion, ...] = ()
     # that chance alone gives where the targets sit among each other, corrected for the number tested
     targets_among_p: float = 1.0
+    noise: NoiseChange | None = None
 
     @property
     def moved(self) -> tuple[Change, ...]:
@@ -188,6 +190,7 @@ def compare_campaigns(a: Calibration, b: Calibration) -> Comparison:
         targets,
         motions_of_targets,
         float(p[-1]) if targets else 1.0,
+        find_noise_change(a.floor, b.floor),
     )
 
 

@@ -10,6 +10,7 @@ from .campaigns import Comparison, Explanation
 from .change_sentences import describe_change, write_p
 from .known_names import Names
 from .mechanism_changes import CAMPAIGN_NAMES, DEFINITE_CHANGES
+from .noise_changes import NoiseChange
 from .target_changes import TargetMotion
 
 MAX_LISTED = 6
@@ -25,6 +26,8 @@ def describe_comparison(comparison: Comparison) -> list[str]:
     sentences += map(_describe_motion, comparison.target_motions)
     sentences += map(_describe_explanation, comparison.explained_by)
     sentences.append(_summarise(comparison))
+    if comparison.noise is not None:
+        sentences.append(_describe_noise(comparison.noise))
     if comparison.targets_apart_mm > SAME_TARGET_MM and not comparison.targets:
         sentences.append(
             f"The two campaigns measured different targets: {write_rounded(comparison.targets_apart_mm)} mm apart on the flange."
@@ -137,7 +140,25 @@ def _summarise(comparison: Comparison) -> str:
         names = ", ".join(moved[:MAX_LISTED])
         return f"{names} changed beyond chance, but no few terms explain it ({tested})."
     changed = any(change.what in DEFINITE_CHANGES for change in comparison.mechanisms)
-    return f"Nothing {'else ' if changed else ''}changed beyond chance ({tested}). {_describe_detectable(comparison)}"
+    what = "Nothing"
+    if comparison.noise is not None:
+        what = "No parameter"
+    if changed:
+        what = "Nothing else" if comparison.noise is None else "No other parameter"
+    return f"{what} changed beyond chance ({tested}). {_describe_detectable(comparison)}"
+
+
+def _describe_noise(noise: NoiseChange) -> str:
+    """Say that the noise changed, and where to look for what made it louder."""
+    before = write_rounded(noise.before_mm)
+    after = write_rounded(noise.after_mm)
+    sizes = f"from {before} to {after} mm per coordinate"
+    if noise.after_mm < noise.before_mm:
+        return f"What does not repeat became less, beyond chance: noise {sizes}."
+    return (
+        f"What does not repeat became more, beyond chance: noise {sizes}. Look at the instrument, at what "
+        "holds the target and at how well the arm repeats."
+    )
 
 
 def _describe_tests(comparison: Comparison) -> str:

@@ -22,7 +22,7 @@ from modelsel.calibration.validation import judge
 from modelsel.calibration.verdict_sentences import describe_verdict as told
 from modelsel.cli.main import run_command_line
 from modelsel.diagnosis.sentences import format_quantity
-from modelsel.exceptions import DataError, StudyError
+from modelsel.exceptions import DataError, StudyError, write_rounded
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor
@@ -443,6 +443,30 @@ def test_nothing_changed(rng) -> None:
     assert describe_comparison(compare_campaigns(same, same))[0].startswith(
         "Nothing changed beyond chance"
     )
+
+
+@pytest.mark.parametrize(
+    ("after", "said"),
+    [
+        (4 * NOISE, "What does not repeat became more"),
+        (NOISE / 4, "What does not repeat became less"),
+        (1.05 * NOISE, None),
+    ],
+)
+def test_noise_that_changed_is_told(after, said, rng) -> None:
+    model, theta = truth()
+    c = calibrated(rng, model, theta, floor=Floor(NOISE, "estimated", 100.0))
+    other = replace(c, floor=Floor(after, "estimated", 80.0))
+    told_of = describe_comparison(compare_campaigns(c, other))
+    what = "No parameter" if said else "Nothing"
+    assert told_of[0].startswith(f"{what} changed beyond chance")
+    found = [one for one in told_of if "does not repeat" in one]
+    assert len(found) == bool(said)
+    if said:
+        assert found[0].startswith(said)
+        assert f"{write_rounded(NOISE)} to {write_rounded(after)} mm per coordinate" in found[0]
+    stated = replace(other, floor=Floor(after, "stated"))
+    assert compare_campaigns(c, stated).noise is None
 
 
 def test_what_moved_is_named(rng) -> None:
