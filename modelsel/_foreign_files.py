@@ -29,6 +29,14 @@ PROGRAMS = {
         r"\s*(%%%.*?%%%\s*)?MODULE[ \t]+\w+[ \t]*(\([^)\n]*\))?[ \t]*\n", re.DOTALL
     ): "a RAPID program",
     re.compile(r"\s*(&\w+[^\n]*\s+)*DEF(DAT)?\s+\w+"): "a KRL program",
+    re.compile(
+        r"\s*(;[^\n]*\s+)*(DECL\s+)?(GLOBAL\s+)?((E6)?(AXIS|POS)\s+)?\w+\s*=\s*\{[^}\n]*\b(A1|X)[ \t]",
+        re.IGNORECASE,
+    ): "a list of KRL positions",
+    re.compile(
+        r"\s*(![^\n]*\s+)*((LOCAL|TASK)\s+)?(CONST|PERS|VAR)\s+(jointtarget|robtarget)\s",
+        re.IGNORECASE,
+    ): "a list of RAPID targets",
     re.compile(r"\s*/PROG\s"): "a TP program of Fanuc",
     re.compile(r"\s*def\s+\w+\(\)\s*:"): "a program of Universal Robots",
 }
@@ -68,6 +76,11 @@ SIGNATURES = {
 }
 ZIP = "PK\x03\x04"  # workbooks begin so, too
 WORKBOOKS = {".xlsx", ".xlsm", ".xlsb", ".ods"}
+SHEETS = {*WORKBOOKS, ".xls"}
+AS_TEXT = "Give it an ending of text: .csv or .txt."
+# what Excel and LibreOffice write beside a workbook that is open, with the workbook's name
+LOCK = re.compile(r"~(\$)(.+)|\.~lock\.(.+)#")
+UTF16_MARK = "ÿþ"
 # TOML: what a study and a robot are written in
 OWN_SUFFIX = ".toml"
 OWN_FILE = "this is a study file or a robot file, not a table of measured points."
@@ -108,22 +121,56 @@ def _find_signature(beginning: str, suffix: str) -> tuple[str, str] | None:
     return None
 
 
+def _describe_lock(name: str) -> tuple[str, str] | None:
+    """Return what the small file is that Excel or LibreOffice keeps beside a workbook that is open;
+    None for another name."""
+    match = LOCK.fullmatch(name)
+    if match is None:
+        return None
+    program = "Excel" if match[1] else "LibreOffice"
+    workbook = match[2] or match[3]
+    what = f"this is {program}'s lock file of a workbook that is open, without its rows."
+    return what, f"Give {workbook}."
+
+
+def _is_text(beginning: str) -> bool:
+    """Whether the beginning of a file is text, in whatever encoding."""
+    letters = beginning.removeprefix(UTF16_MARK).replace("\0", "")
+    plain = "".join(letters.split())
+    return bool(plain) and plain.isprintable()
+
+
 def describe_foreign(path: Path) -> tuple[str, str] | None:
     """Return (what a file of rows is, what to do) where it has a format that is not read, else None;
     of a file that is not there its name says nothing."""
     if not path.exists():
         return None
     suffix = path.suffix.lower()
+    lock = _describe_lock(path.name)
+    if lock is not None:
+        return lock
     if suffix == OWN_SUFFIX:
         return OWN_FILE, OWN_REMEDY
     beginning = _read_beginning(path)
+    return _describe_content(beginning, suffix) or _describe_suffix(beginning, suffix)
+
+
+def _describe_content(beginning: str, suffix: str) -> tuple[str, str] | None:
+    """Describe a file by its beginning; None where it says nothing."""
     program = _find_program(beginning)
     if program is not None:
         return f"this is {program}; programs are not read.", PROGRAM_REMEDY
     signature = _find_signature(beginning, suffix)
-    if signature is not None:
-        kind, remedy = signature
-        return f"this is {kind}, which is not read.", remedy
+    if signature is None:
+        return None
+    kind, remedy = signature
+    return f"this is {kind}, which is not read.", remedy
+
+
+def _describe_suffix(beginning: str, suffix: str) -> tuple[str, str] | None:
+    """Describe a file by the ending of its name; None where this says nothing."""
+    if suffix in SHEETS and _is_text(beginning):
+        return f"this is text, not a workbook, though its name ends in {suffix}.", AS_TEXT
     if suffix not in FOREIGN:
         return None
     what = f"this is {FOREIGN[suffix]}, in a format of its own, which is not read."

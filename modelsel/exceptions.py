@@ -11,6 +11,9 @@ from math import isfinite
 CHECK_FAILED = 5
 # letters of a list in a message: with what stands around it, a message is no longer than 700
 MAX_LISTED_LETTERS = 400
+# what is a cell or a column of a sheet, or a name like one: A1, X
+CELL = re.compile(r"[A-Z]{1,3}\d{0,7}", re.IGNORECASE)
+SHEET = ', sheet "'
 
 
 class ModelselError(Exception):
@@ -39,6 +42,12 @@ class ArgumentError(StudyError, ValueError):
     ValueError, too."""
 
 
+def _quote_in_sheet(column: str, file: str) -> str:
+    """Quote a column's name that a reader of a spreadsheet takes for a cell or its own column."""
+    is_like_cell = CELL.fullmatch(column) and SHEET in file
+    return f'"{column}"' if is_like_cell else column
+
+
 class DataError(ModelselError):
     """The measurements are wrong: what, where, what to do. In a file: its line (the header is line
     1) and column; in a DataFrame: its row, counted from 0, and column."""
@@ -65,7 +74,7 @@ class DataError(ModelselError):
             one_line(file),
             f"line {line}" if line else "",
             f"row {row}" if row is not None else "",
-            f"column {column}" if column else "",
+            f"column {_quote_in_sheet(column, file)}" if column else "",
         )
         place = ", ".join(part for part in places if part)
         super().__init__(

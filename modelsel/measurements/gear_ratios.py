@@ -67,7 +67,9 @@ def _read_ratios(rows: Sequence[Sequence[Any]]) -> tuple[float, ...]:
             break
         name, cell = filled
         parsed = parse_column_name(str(name))
-        is_joint = parsed.quantity == "joint" and parsed.number == expected
+        is_named = parsed.quantity == "joint" and parsed.number == expected
+        # below a word for gears the number of a joint says enough
+        is_joint = is_named or str(name).strip() == str(expected)
         if not is_joint or not is_number(cell):
             break
         text = convert_number_text(cell, ",")

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from .._foreign_files import describe_foreign
 from ..exceptions import DataError, suggest
 from .decimal_marks import choose_decimal_mark
 from .number_format import (
@@ -95,6 +96,10 @@ def read_sheets(path: Path) -> dict[str, list[list[Any]]]:
     from python_calamine import CalamineError, CalamineWorkbook
 
     check_file(path)
+    foreign = describe_foreign(path)
+    if foreign is not None:
+        what, remedy = foreign
+        raise DataError(what, file=path.name, remedy=remedy)
     try:
         with CalamineWorkbook.from_path(path) as book:
             read = {

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..exceptions import one_line
 from .group_summaries import MAX_SUMMARY_ROWS, find_group_summaries
 from .number_format import is_number
+from .spreadsheet_formulas import is_formula
 from .table_layout import is_blank_row
 from .text_table import Grid
 
@@ -92,7 +93,8 @@ def _find_summaries(columns: Sequence[NDArray[Any]]) -> list[str]:
             break
         place, *others = filled
         label = str(cells[place])
-        has_numbers = any(is_number(cells[k]) for k in others)
+        # formulas of a workbook that was never calculated have no values
+        has_numbers = any(is_number(cells[k]) or is_formula(cells[k]) for k in others)
         if not has_numbers or _shorten(label) not in SUMMARY_WORDS:
             break
         if len(labels) == MAX_SUMMARY_ROWS:

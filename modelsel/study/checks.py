@@ -286,7 +286,7 @@ def _describe_hopeless_fit(
         return None
     if far:
         what = (
-            f"{write_rounded(left_mm)} mm rms are left, {write_percent(left_mm / reach, 2)} of the length of the arm's links in all, where a "
+            f"{write_rounded(left_mm)} mm rms are left, {write_percent(left_mm / reach, 2)} of the length of the arm's links and target in all, where a "
             f"calibrated arm leaves less than a thousandth ({write_rounded(calibrated, 2)} mm)"
         )
         if noise_known:

@@ -37,7 +37,7 @@ ASSUMED_TOOL_MM = (0.0, 0.0, 100.0)  # nominal target, for what the configuratio
 TOOL_OFF_AXIS_MM = (50.0, 0.0, 100.0)  # the same where every joint shall move it
 # what is said of positions further from the arm than a study takes
 FAR = (
-    "The positions are {share} of the length of the arm's links in all from where the robot has "
+    "The positions are {share} of the length of the arm's links and target in all from where the robot has "
     "them, and `modelsel study` refuses them: check the robot, the order of the joints, the units and the frame."
 )
 MAX_PLACES = 5  # rows beyond a joint's limits that are listed

@@ -146,7 +146,7 @@ def test_check_says_what_study_would_refuse(tmp_path: Path) -> None:
     ran = run("check", tmp_path / "m.csv", "--robot", "ur10")
     assert ran.exit_code == 0
     assert (
-        "of the length of the arm's links in all from where the robot has them, and `modelsel study` refuses"
+        "of the length of the arm's links and target in all from where the robot has them, and `modelsel study` refuses"
         in ran.stdout
     )
     measured(robot, 1).to_csv(tmp_path / "one.csv", index=False)

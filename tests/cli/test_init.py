@@ -846,6 +846,9 @@ PROGRAMS = {
         "a RAPID program",
     ),
     "p.dat": ("&ACCESS RVP\nDEFDAT POSES\nDECL E6AXIS XP1={A1 1,A2 2}\n", "a KRL program"),
+    "p.txt": ("; taught\nXP1={A1 1.0,A2 2.0,A3 3,A4 4,A5 5,A6 6}\n", "a list of KRL positions"),
+    "p2.txt": ("DECL E6POS XP1={X 1.0,Y 2.0,Z 3,A 4,B 5,C 6}\n", "a list of KRL positions"),
+    "p3.txt": ("CONST jointtarget p1:=[[1,2,3,4,5,6]];\n", "a list of RAPID targets"),
     "p.ls": ("/PROG  PICK\n/ATTR\n", "a TP program of Fanuc"),
     "p.script": ("def pick():\n  movej([0,0,0,0,0,0])\nend\n", "a program of Universal Robots"),
 }
@@ -859,6 +862,33 @@ def test_a_robots_program_is_named(name) -> None:
     ran = invoked("init", "m.csv", "--joints", name, "--robot", "ur10", "--yes")
     assert ran.exit_code == 3
     assert f"{name}: this is {what}; programs are not read. Give a table" in ran.stderr
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "says"),
+    [
+        (
+            "~$m.xlsx",
+            "\5Me" + 9 * " \0",
+            "Excel's lock file of a workbook that is open, without its",
+        ),
+        (".~lock.m.xlsx#", ",me,pc,today;", "this is LibreOffice's lock file of a workbook"),
+        ("t.xlsx", "J1;J2\n1;2\n", "this is text, not a workbook, though its name ends in .xlsx"),
+        (
+            "t.xls",
+            "J1\tJ2\n1\t2\n",
+            "though its name ends in .xls. Give it an ending of text: .csv",
+        ),
+    ],
+)
+def test_what_is_no_workbook_is_told(name, text, says) -> None:
+    Path(name).write_text(text)
+    ran = invoked("init", name, "--robot", "ur10", "--yes")
+    assert ran.exit_code == 3
+    assert f"{name}: this is " in ran.stderr
+    assert says in ran.stderr
+    if "~" in name:
+        assert "Give m.xlsx." in ran.stderr
 
 
 @pytest.mark.parametrize("line", [2, 20])

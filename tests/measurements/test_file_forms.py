@@ -592,6 +592,30 @@ def test_rows_that_sum_up_the_others_are_left_out_and_said(tmp_path) -> None:
     assert 'row 11 sums up the others and is left out ("Mittelwert")' in data.notes[0].sentence
 
 
+def test_a_summary_of_formulas_without_values_is_left_out(tmp_path) -> None:
+    """As a program writes a workbook that nobody has opened yet; cells of a row of points stay an error."""
+    from openpyxl import Workbook
+
+    book = Workbook()
+    names = ["A1", *NAMES[2:]]
+    book.active.append(["Pose", *names])
+    rows = [[f"P{k + 1}", *row] for k, row in enumerate(numbers())]
+    for row in rows:
+        book.active.append(row)
+    book.active.append([])
+    last = ["Mittelwert", "", "", "", *(f"=AVERAGE({c}2:{c}9)" for c in "EFG")]
+    book.active.append(last[: len(names) + 1])
+    book.save(tmp_path / "m.xlsx")
+    columns = {NAMES[1]: "A1"}
+    data = read_measurements(tmp_path / "m.xlsx", (False,) * 3, columns)
+    assert len(data) == ROWS
+    assert 'sums up the others and is left out ("Mittelwert")' in data.notes[0].sentence
+    book.active.cell(3, 2).value = None
+    book.save(tmp_path / "n.xlsx")
+    with pytest.raises(DataError, match=r'sheet "Sheet", row 3, column "A1": expected'):
+        read_measurements(tmp_path / "n.xlsx", (False,) * 3, columns)
+
+
 @pytest.mark.parametrize("suffix", ["csv", "xlsx"])
 def test_rows_between_groups_that_sum_these_up_are_left_out_and_said(suffix, tmp_path) -> None:
     """With words of their own in every group, and rounded."""

@@ -514,7 +514,7 @@ def test_a_fit_without_hope_says_so_first(rng, tmp_path) -> None:
     assert first.startswith(
         "This fit explains the data poorly, and nothing that follows can be relied on: "
     )
-    assert "of the length of the arm's links in all" in first
+    assert "of the length of the arm's links and target in all" in first
     assert (
         "Likeliest reasons: the wrong robot file; positions that belong to other readings; a tracker or target moved"
         in first

@@ -87,6 +87,16 @@ def test_a_sheet_beside_the_measurements_lists_them(tmp_path, monkeypatch) -> No
     assert dry.exit_code == 0, dry.output
 
 
+@pytest.mark.parametrize("form", ["{}", "A{}"])
+def test_the_number_of_a_joint_says_which(form, tmp_path) -> None:
+    rows = [[form.format(k), ratio] for k, (_, ratio) in enumerate(LISTED, 1)]
+    if form == "{}":
+        rows = [[int(number), ratio] for number, ratio in rows]
+    found = find_gear_ratios(workbook(tmp_path / "m.xlsx", rows, "Achse / Getriebe"), 6)
+    assert found is not None
+    assert found.values == (121, 121, 101, 81, 80, 51)
+
+
 @pytest.mark.parametrize(
     ("rows", "word"),
     [
