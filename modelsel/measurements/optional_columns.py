@@ -25,7 +25,9 @@ from .point_times import TIME_WORDS as CLOCK_WORDS
 from .table import Table
 from .uncausal_columns import UNCERTAINTY_WORDS, find_uncertainties
 
-TARGET_WORDS = frozenset(("target", "reflector", "smr", "prism", "reflektor", "kugel", "sphere"))
+TARGET_WORDS = frozenset[str]().union(
+    ("target", "reflector", "smr", "prism", "reflektor", "kugel", "sphere", "marker")
+)
 GROUP_WORDS = frozenset(("group", "session", "day", "trajectory", "series", "gruppe", "serie"))
 PAYLOAD_WORDS = frozenset(("payload", "load", "nutzlast", "last", "traglast"))
 TIME_WORDS = frozenset(("time", "timestamp", "zeit", "t"))

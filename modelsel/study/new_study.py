@@ -38,6 +38,7 @@ from .nominal_misfit import CLEAR_FACTOR, describe_misfit, measure_misfit
 from .orientation_reading import settle_orientation
 from .other_columns import describe_optional, describe_other_columns, describe_quaternions
 from .position_choice import drop_computed, drop_unreachable, is_only_position
+from .target_column import add_target
 
 # readings of the columns that are tried on the arm
 MAX_TRIED = 16
@@ -188,6 +189,8 @@ def draft_study(source: DataFile | Table, robot: Robot, given: Mapping[str, str]
     taken = {*draft.columns.values(), *given}
     measured = rename_columns(draft.measured, given)
     optional = guess_optional_columns(measured, taken)
+    first = merge_columns([choice.readings[0] for choice in draft.choices])
+    optional = add_target(optional, rename_columns(measured, first))
     draft = replace(draft, optional=tuple(optional))
     return settle_by_arm(draft)
 

@@ -980,6 +980,30 @@ def test_joints_without_a_column_are_named(absent, says) -> None:
     assert "--column q1_deg=NAME" in ran.stderr
 
 
+@pytest.mark.parametrize("name", ["marker", "Punktgruppe", "Group"])
+def test_a_column_that_tells_targets_apart_is_the_target(name) -> None:
+    """Every configuration with three reflectors, a row each."""
+    frame = campaign(30)
+    q = np.radians(frame.filter(like="J").to_numpy())
+    at = build_measurements(q, np.zeros((30, 3)))
+    parts = []
+    for k, tool in enumerate(([40.0, -25, 120], [-60.0, 20, 130], [10.0, 80, 90])):
+        rng = np.random.default_rng(k)
+        points = simulate_points(
+            load_robot("ur10"), np.array(tool), [], at=at, noise_mm=0.05, rng=rng
+        )
+        part = frame.assign(**{name: f"M{k + 1}"})
+        part[["X", "Y", "Z"]] = points[["x_mm", "y_mm", "z_mm"]].to_numpy()
+        parts.append(part)
+    pd.concat(parts).sort_index(kind="stable").to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert f'Also: "{name}" as reflectors' in ran.stdout
+    assert "90 rows, 30 configurations, 3 targets." in ran.stdout
+    table = tomllib.loads(Path("m/study.toml").read_text(encoding="utf-8"))
+    assert table["measurements"]["columns"]["target"] == name
+    assert "group" not in table["measurements"]["columns"]
+
+
 def test_one_file_of_two_asks_for_the_other() -> None:
     frame = campaign()
     frame.insert(0, "Name", [f"P{k}" for k in range(len(frame))])
