@@ -30,8 +30,9 @@ ORIENTATION_WORDS = frozenset[str]().union(
     ("euler", "rot", "rotation", "ori", "orient", "orientation", "angle", "winkel", "tcp", "pose"),
     ("flange", "tool", *MEASURED, *COMMANDED),
 )
-# a quaternion without the contract's names, as ABB calls it, and by how much its length is not one
-UNNAMED_QUATERNION = ("q1", "q2", "q3", "q4")
+# a quaternion without the contract's names, as textbooks and ABB call it, and by how much its length
+# is not one
+NUMBERED_QUATERNIONS = (("q0", "q1", "q2", "q3"), ("q1", "q2", "q3", "q4"))
 MAX_LENGTH_ERROR = 1e-3
 
 
@@ -76,24 +77,41 @@ def find_orientation_columns(table: Table, names: Sequence[ColumnName]) -> list[
 
 
 def find_unnamed_quaternion(table: Table, names: Collection[str]) -> list[str]:
-    """Find four columns, q1 to q4 or the w, x, y, z of an orientation, that are numbers of length
-    one in every row."""
-    called = {name.lower(): name for name in names}
-    numbered = [called[name] for name in UNNAMED_QUATERNION if name in called]
+    """Find four columns, q0 to q3, q1 to q4 or the w, x, y, z of an orientation, that are numbers of
+    length one in every row."""
     lettered = _find_lettered_quaternion(table, [parse_column_name(name) for name in names])
-    return lettered or (numbered if _are_unit_quaternions(table, numbered) else [])
+    return lettered or _find_numbered_quaternion(table, names)
+
+
+def _find_numbered_quaternion(table: Table, names: Collection[str]) -> list[str]:
+    """Find four numbered columns, q0 to q3 or q1 to q4, that are a unit quaternion in every row."""
+    called = {name.lower(): name for name in names}
+    for numbered in NUMBERED_QUATERNIONS:
+        given = [called[name] for name in numbered if name in called]
+        if _are_unit_quaternions(table, given):
+            return given
+    return []
 
 
 def _read_quaternion(table: Table, names: Sequence[ColumnName]) -> list[Reading]:
-    """Read the w, x, y, z of an orientation, as ROS calls them; nothing where there are none."""
+    """Read the w, x, y, z of an orientation, as ROS calls them, or four numbered columns, of which the
+    first or the last is w; nothing where there are none."""
     given = _find_lettered_quaternion(table, names)
-    if not given:
+    if given:
+        return [_read_as_quaternion(given)]
+    numbered = _find_numbered_quaternion(table, [name.given for name in names])
+    if not numbered:
         return []
+    *vector, last = numbered
+    return [_read_as_quaternion(numbered), _read_as_quaternion([last, *vector])]
+
+
+def _read_as_quaternion(given: Sequence[str]) -> Reading:
+    """Read four columns as w, x, y, z."""
     columns = dict(zip(QUATERNION_COLUMNS, given, strict=True))
     listed = " ".join(given)
     wanted = " ".join(QUATERNION_COLUMNS)
-    reading = Reading(columns, f'"{listed}" as the unit quaternion {wanted}')
-    return [reading]
+    return Reading(columns, f'"{listed}" as the unit quaternion {wanted}')
 
 
 def _find_lettered_quaternion(table: Table, names: Sequence[ColumnName]) -> list[str]:

@@ -10,6 +10,7 @@ from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
 from ..measurements.row_order import choose_standstill
 from ..robot.kinematics import Robot
+from ..setup.measured_orientations import describe_orientation_mistake
 from ..setup.other_robots import (
     MAX_REACH_SHARE,
     MIN_CONFIGURATIONS,
@@ -53,7 +54,7 @@ def describe_misfit(robot: Robot, data: Measurements) -> list[str]:
         said += " (median): no arm is measured so well. These positions look computed, by the "
         return [said + "controller or a simulation; a calibration needs measured ones."]
     if misfit <= MAX_REACH_SHARE * robot.reach:
-        return [f"{said} (median)."]
+        return [f"{said} (median).", *_explain_orientation(robot, data)]
     said += " (median): that is far."
     explained = _explain_misfit(robot, data)
     if explained:
@@ -76,6 +77,18 @@ def _say_why_untried(data: Measurements) -> str:
         f"The nominal arm cannot be tried on these configurations: only {which}, which does not tell "
         "where tracker and target are."
     )
+
+
+def _explain_orientation(robot: Robot, data: Measurements) -> list[str]:
+    """Say which mistake in the quaternions explains orientations that are far from those of a nominal
+    arm which fits the positions."""
+    if data.rotation is None:
+        return []
+    no_tools = np.zeros((len(data.targets), 3))
+    every_row = np.ones(len(data), bool)
+    problem = Problem(robot, data, no_tools)
+    mistake = describe_orientation_mistake(problem, every_row, registered=True)
+    return [] if mistake is None else [mistake]
 
 
 def _explain_misfit(robot: Robot, data: Measurements) -> list[str]:

@@ -735,6 +735,37 @@ def test_quaternions_that_are_used_are_said() -> None:
     assert "The orientation: qw qx qy qz, unit quaternions" in ran.stdout
 
 
+def test_quaternions_in_another_order_are_told() -> None:
+    """As `study` tells it; the columns qw qx qy qz hold x, y, z, w."""
+    from scipy.spatial.transform import Rotation
+
+    frame = poses("ZYX")
+    turned = Rotation.from_euler("ZYX", frame[["1", "2", "3"]].to_numpy(), degrees=True)
+    frame[["qw", "qx", "qy", "qz"]] = turned.as_quat()
+    frame.drop(columns=["1", "2", "3"]).to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert "(qw qx qy qz hold x, y, z, w): rename these columns to qx qy qz qw." in ran.stdout
+
+
+@pytest.mark.parametrize("w", [0, 3])
+@pytest.mark.parametrize("first", [0, 1])
+def test_numbered_quaternions_are_read_as_the_arm_tells(first, w) -> None:
+    """w is the first or the last of q0 to q3, or of ABB's q1 to q4."""
+    from scipy.spatial.transform import Rotation
+
+    frame = poses("ZYX")
+    turned = Rotation.from_euler("ZYX", frame[["1", "2", "3"]].to_numpy(), degrees=True)
+    xyzw = turned.as_quat()
+    names = [f"q{first + k}" for k in range(4)]
+    frame[names] = np.roll(xyzw, 1, axis=1) if w == 0 else xyzw
+    frame.drop(columns=["1", "2", "3"]).to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes", "--json")
+    assert ran.exit_code == 0, ran.output
+    mapped = json.loads(ran.stdout)["columns"]
+    wanted = ("qw", "qx", "qy", "qz") if w == 0 else ("qx", "qy", "qz", "qw")
+    assert dict(zip(wanted, names, strict=True)).items() <= mapped.items()
+
+
 OTHER_COLUMNS = {
     "X1 Y1 Z1 X2 Y2 Z2": "every row has 2 positions (X1 Y1 Z1, X2 Y2 Z2). Write a row for each",
     "Range Az El": '"Range", "Az", "El" look like an instrument\'s distance and angles',
