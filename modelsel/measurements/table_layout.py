@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
+from .column_names import parse_column_name
 from .number_format import is_number
 
 Row: TypeAlias = Sequence[Any]
@@ -27,6 +28,8 @@ MIN_REMARK_WORDS = 3
 MIN_HEADER_SHARE = 0.7
 # joints that a header numbers, and words beside them, at least
 MIN_NUMBERED = 3
+# rows that a row of numbers may stand above the names
+MAX_NUMBERED_ROWS = 4
 
 
 @dataclass(frozen=True)
@@ -79,7 +82,7 @@ def find_layout(rows: Sequence[Row]) -> Layout | None:
     names = [_as_text(cell) for cell in rows[header]]
     above = [row for row in rows[:header] if not is_blank_row(row)]
     if above:
-        names = _complete_names(names, above[-1])
+        names = _complete_names(names, _choose_spanning(names, above))
     skipped = header + 1
     units: dict[str, str] = {}
     below = next((k for k in range(skipped, len(rows)) if not is_blank_row(rows[k])), None)
@@ -107,12 +110,29 @@ def _find_header(rows: Sequence[Row]) -> int | None:
         widest = [k for k in filled if _count_filled(rows[k]) == usual]
         return widest[0] if widest else None
     above = [k for k in filled if k < first]
-    for k in above:
-        is_wide = _count_filled(rows[k]) >= MIN_HEADER_SHARE * usual
-        if is_wide and not any(map(is_number, rows[k])):
-            return k
+    wide = [k for k in filled if k < first + MAX_NUMBERED_ROWS and _is_wide(rows[k], usual)]
+    below = [k for k in wide if k > first and _count_quantities(rows[k]) >= MIN_NUMBERED]
+    wide = [k for k in wide if k < first]
+    # a row that numbers the markers, above the names
+    if below and not any(map(_count_quantities, map(rows.__getitem__, wide))):
+        return below[0]
+    if wide:
+        # the first of those that name most joints and coordinates
+        return max(wide, key=lambda k: _count_quantities(rows[k]))
     named = [k for k in above if not _is_unit_row(rows[k])]
     return named[-1] if named else None
+
+
+def _is_wide(row: Row, usual: int) -> bool:
+    """Whether a row may be a header: nearly as wide as usual, without a number."""
+    count = _count_filled(row)
+    return count >= MIN_HEADER_SHARE * usual and not any(map(is_number, row))
+
+
+def _count_quantities(row: Row) -> int:
+    """Count the cells of a row that are called as joints or coordinates are."""
+    names = [parse_column_name(_as_text(cell)) for cell in row]
+    return sum(name.quantity is not None for name in names)
 
 
 def _is_data_row(row: Row, usual: int) -> bool:
@@ -144,6 +164,18 @@ def _is_unit_row(row: Row) -> bool:
     cells = [_as_text(cell) for cell in row if _as_text(cell)]
     has_unit = any(not NO_UNIT.fullmatch(cell) for cell in cells)
     return has_unit and all(UNIT.fullmatch(cell) for cell in cells)
+
+
+def _choose_spanning(names: Sequence[str], above: Sequence[Row]) -> Row:
+    """Choose the row that stands before names: the one just above them, unless it leaves two alike
+    where a row of words further up, such as that of the markers, does not."""
+    nearest = above[-1]
+    for row in above[::-1]:
+        complete = list(filter(None, _complete_names(names, row)))
+        is_distinct = len(set(complete)) == len(complete)
+        if is_distinct and not any(map(is_number, row)):
+            return row
+    return nearest
 
 
 def _complete_names(names: Sequence[str], above: Row) -> list[str]:

@@ -37,7 +37,12 @@ from .missing_columns import refuse_missing
 from .nominal_misfit import CLEAR_FACTOR, describe_misfit, measure_misfit
 from .orientation_reading import settle_orientation
 from .other_columns import describe_optional, describe_other_columns, describe_quaternions
-from .position_choice import drop_computed, drop_unreachable, is_only_position
+from .position_choice import (
+    describe_several_targets,
+    drop_computed,
+    drop_unreachable,
+    is_only_position,
+)
 from .target_column import add_target
 
 # readings of the columns that are tried on the arm
@@ -273,7 +278,8 @@ def settle_by_arm(draft: StudyDraft) -> StudyDraft:
     is_clear = second >= CLEAR_FACTOR * best
     chosen = combinations[misfits.index(best)]
     if not (is_good and is_clear and is_only_position(chosen, tried, good)):
-        return draft
+        targets = describe_several_targets(tried, good)
+        return draft.remark(targets) if targets else draft
     other = "not at all"
     if np.isfinite(second):
         other = f"to {write_rounded(second)} mm"

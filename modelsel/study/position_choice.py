@@ -144,6 +144,21 @@ def is_only_position(chosen: Sequence[Reading], tried: Tried, good_mm: float) ->
     return True
 
 
+def describe_several_targets(tried: Tried, good_mm: float) -> str:
+    """Say what to do where every row has several positions that the nominal arm fits well, to
+    `good_mm`; empty where it has one."""
+    good = [combined for combined, misfit in tried if misfit <= good_mm]
+    places = set(map(_list_position_columns, good))
+    count = len(places)
+    if count < 2:
+        return ""
+    return (
+        f"The nominal arm fits {count} positions of every row; one of them alone is used. If they are of "
+        "several targets on the flange, write a row for each, with the same readings and its name in a "
+        "column target."
+    )
+
+
 def _list_position_columns(readings: Sequence[Reading]) -> frozenset[str]:
     columns = dict[str, str]()
     for reading in readings:

@@ -178,6 +178,8 @@ def test_with_yes_the_first_is_taken_and_the_other_told() -> None:
     with_two_positions()
     ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
     assert 'Not sure: the position may also be "TCP_X", "TCP_Y" and "TCP_Z" in mm.' in ran.stdout
+    assert "The nominal arm fits 2 positions of every row; one of them alone is used." in ran.stdout
+    assert "write a row for each" in ran.stdout
 
 
 def test_columns_that_the_user_says_go_first() -> None:

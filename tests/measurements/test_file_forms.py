@@ -20,7 +20,7 @@ from modelsel.measurements.number_format import (
 )
 from modelsel.measurements.reader import read_measurements
 from modelsel.measurements.row_places import where_from_record
-from modelsel.measurements.table import DataFile
+from modelsel.measurements.table import DataFile, load_table
 from modelsel.robot.files import load_robot
 
 NAMES = ["target", "q1_deg", "q2_deg", "q3_deg", "x_mm", "y_mm", "z_mm"]
@@ -511,8 +511,35 @@ def test_of_two_sheets_the_study_names_one(tmp_path) -> None:
 def test_a_file_that_is_no_spreadsheet_is_refused(tmp_path) -> None:
     path = tmp_path / "m.xlsx"
     path.write_text(written())
+    with pytest.raises(DataError, match=r"this is text, not a workbook, though its name ends in"):
+        read(path)
+    path.write_bytes(b"PK\x03\x04" + bytes(range(200)))
     with pytest.raises(DataError, match="the spreadsheet cannot be read"):
         read(path)
+
+
+def test_markers_beside_each_other_below_a_row_of_their_names(tmp_path) -> None:
+    """As OptiTrack writes them: the names in line 4, numbers in line 5, X Y Z in line 8."""
+    count = 3
+    lines = ["Format Version,1.23,Take Name,Take 3,Frame Rate,120.0,Length Units,Meters", ""]
+    for title, cells in (
+        (",Type", ["Marker"] * 3 * count),
+        (",Name", [f"EE:M{k // 3 + 1}" for k in range(3 * count)]),
+        (",ID", [f"000{k // 3 + 1}" for k in range(3 * count)]),
+        (",Parent", ["EE"] * 3 * count),
+        (",", ["Position"] * 3 * count),
+        ("Frame,Time (Seconds)", ["X", "Y", "Z"] * count),
+    ):
+        lines.append(",".join([title, *cells]))
+    for row in range(6):
+        values = [f"{row + k / 10:.6f}" for k in range(3 * count)]
+        lines.append(",".join([f"{row},{row / 120:.6f}", *values]))
+    path = tmp_path / "take.csv"
+    path.write_text("\n".join(lines))
+    table = load_table(path)
+    assert len(table) == 6
+    assert list(table.columns)[:5] == ["Frame", "Time (Seconds)", "EE:M1 X", "EE:M1 Y", "EE:M1 Z"]
+    assert float(table.columns["EE:M3 Z"][1]) == 1.8
 
 
 @pytest.mark.parametrize(
