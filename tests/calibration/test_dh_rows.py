@@ -12,14 +12,22 @@ from builders import drawn, planted
 
 from modelsel.calibration.calibration import calibrate
 from modelsel.calibration.export import export
-from modelsel.calibration.export.dh_rows import DECIMALS_DEG, compare_rows, fold_last, round_rows
+from modelsel.calibration.export.dh_rows import (
+    DECIMALS_DEG,
+    compare_rows,
+    fold_last,
+    round_rows,
+    wrap_degrees,
+)
+from modelsel.calibration.export.dh_signs import turn_frames
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.dh import dh_table
-from modelsel.robot.files import robot_from_table
-from modelsel.robot.kinematics import forward
+from modelsel.robot.files import load_robot, robot_from_table
+from modelsel.robot.gravity import compute_joint_torques
+from modelsel.robot.kinematics import Robot, forward, pose
 from modelsel.robot.rigid import rotation_matrix, transform
 from modelsel.selection.evaluation import Split
 
@@ -39,6 +47,10 @@ TABLE = {
     "joint": [{"dh": dict(zip(KEYS, row, strict=True))} for row in ROWS],
 }
 ROBOT = robot_from_table(TABLE, "drawing")
+
+
+def torques(robot: Robot, q: np.ndarray) -> np.ndarray:
+    return compute_joint_torques(robot, pose(robot, q, np.zeros(3)), q)
 
 
 def test_rows_of_a_drawing_come_back_as_they_were() -> None:
@@ -65,6 +77,59 @@ def test_what_stands_behind_the_last_joint_is_turned_into_its_row() -> None:
     tool = np.array([10.0, 20.0, 30.0])
     back = robot_from_table(table, "file")
     np.testing.assert_allclose(forward(back, q, tool), forward(robot, q, tool), atol=1e-9)
+
+
+@pytest.mark.parametrize("form", ["standard", "modified"])
+def test_an_x_axis_points_as_in_the_nominal_table(form) -> None:
+    """One arm in two tables: with frames turned by 180° about their own z axis, and as drawn."""
+    arm = load_robot("irb120")
+    nominal = dh_table(arm, form)
+    behind = 1 if form == "modified" else 0
+    joints = [{**joint, "dh": dict(joint["dh"])} for joint in nominal["joint"]]
+    for frame in (1, 2, 4):
+        for row in (frame, frame + 1):
+            joints[row]["dh"]["theta_deg"] += 180.0
+        for key in ("a_mm", "alpha_deg"):
+            joints[frame + behind]["dh"][key] *= -1
+        x, y, z = joints[frame]["com_mm"]
+        joints[frame]["com_mm"] = [-x, -y, z]
+    turned = {**nominal, "joint": joints}
+    q = arm.draw(np.random.default_rng(3), 20)
+    tool = np.array([10.0, 20.0, 30.0])
+    back = turn_frames(nominal, turned)
+    for table in (turned, back):
+        read = robot_from_table(table, "file")
+        np.testing.assert_allclose(forward(read, q, tool), forward(arm, q, tool), atol=1e-9)
+        np.testing.assert_allclose(torques(read, q), torques(arm, q), atol=1e-9)
+    for own, drawn_row in zip(back["joint"], nominal["joint"], strict=True):
+        for key in ("d_mm", "a_mm"):
+            assert own["dh"][key] == pytest.approx(drawn_row["dh"][key], abs=1e-9)
+        for key in ("theta_deg", "alpha_deg"):
+            assert wrap_degrees(own["dh"][key] - drawn_row["dh"][key]) == pytest.approx(0, abs=1e-9)
+
+
+@pytest.mark.parametrize("form", ["dh", "mdh"])
+@pytest.mark.parametrize("side", [1, -1])
+def test_an_exported_table_has_the_signs_of_the_drawing(form, side, rng) -> None:
+    """Joints 2 and 3 are almost parallel, to either side: the common normal may point either way."""
+    arm = load_robot("irb120")
+    at = drawn(arm, rng, 60, (60.0, 0.0, 118.0), covariates={})
+    model = Model((mechanism("geometric", arm),))
+    symbols = [term.symbol for term in model.terms]
+    theta = np.zeros(len(symbols))
+    theta[symbols.index("α3")] = side * 7e-5
+    theta[symbols.index("β3")] = 7e-4
+    at = planted(at, model.terms, theta, rng, 0.001)
+    rows = np.ones(60, bool)
+    split = Split(at, rows, ~rows, np.zeros(60, np.intp), True)
+    c = calibrate("dh", split, fit(at, model), Floor(0.001, "stated"), None, False, {})
+    made = tomllib.loads(export(c, form).text)["joint"]
+    nominal = fold_last(dh_table(arm, "standard" if form == "dh" else "modified"))["joint"]
+    for own, drawn_row in zip(made, nominal, strict=True):
+        assert own["dh"]["a_mm"] == pytest.approx(drawn_row["dh"]["a_mm"], abs=5.0)
+        for key in ("theta_deg", "alpha_deg"):
+            turn = wrap_degrees(own["dh"][key] - drawn_row["dh"][key])
+            assert turn == pytest.approx(0, abs=10.0)
 
 
 def test_a_transform_that_no_row_holds_stays() -> None:

@@ -22,6 +22,7 @@ from ...robot.urdf_origins import replace_origins
 from ...robot.urdf_writer import write_urdf
 from ..constant_part import ConstantChain, build_constant_chain, compute_points, split_parts
 from .dh_rows import compare_rows, fold_last, round_rows
+from .dh_signs import turn_frames
 from .form import Exported, measure_export
 
 if TYPE_CHECKING:
@@ -214,8 +215,10 @@ def to_dh(c: Calibration, form: DhForm, notes: Sequence[str]) -> Exported:
     for name, T in made.targets.items():
         numbers = _write_lengths(T[:3, 3])
         where.append(f'target "{name}" on the flange: x, y, z = {numbers} mm')
-    table = round_rows(fold_last(dh_table(made.robot, form)))
-    compared = compare_rows(fold_last(dh_table(c.robot, form)), table)
+    nominal = dh_table(c.robot, form)
+    near = turn_frames(nominal, dh_table(made.robot, form))
+    table = round_rows(fold_last(near))
+    compared = compare_rows(fold_last(nominal), table)
     text = format_robot_table(table, [*notes, *where, *nearly, *compared])
 
     def read(text: str, target: int) -> Callable[[Array], Array]:

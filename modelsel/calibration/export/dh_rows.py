@@ -33,7 +33,7 @@ def fold_last(table: Mapping[str, Any]) -> dict[str, Any]:
         return folded
     theta, d, a, alpha = row
     both = {
-        "theta_deg": _wrap(own["theta_deg"] + theta),
+        "theta_deg": wrap_degrees(own["theta_deg"] + theta),
         "d_mm": own["d_mm"] + d,
         "a_mm": a,
         "alpha_deg": alpha,
@@ -56,7 +56,7 @@ def _read_row(last: Array) -> tuple[float, float, float, float] | None:
     return float(theta), float(position[2]), a, float(alpha)
 
 
-def _wrap(degrees: float) -> float:
+def wrap_degrees(degrees: float) -> float:
     """Return an angle beyond -180 up to 180 degrees."""
     return degrees - 360 * float(np.ceil((degrees - 180) / 360))
 
@@ -102,7 +102,7 @@ def _near(before: Mapping[str, float], after: Mapping[str, float], key: str) -> 
     """Return a calibrated number, an angle on the turn of the nominal one."""
     old, new = before.get(key), after.get(key)
     if old is not None and new is not None and key.endswith("_deg"):
-        return old + _wrap(new - old)
+        return old + wrap_degrees(new - old)
     return new
 
 
