@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from math import isfinite
+from typing import Any
 
 # exit status of a command that is done, but where a check failed: no convergence, a drift, a miss
 CHECK_FAILED = 5
@@ -24,11 +25,12 @@ class ModelselError(Exception):
 
 class StudyError(ModelselError):
     """The study, the robot file or the command line is wrong: every problem, each with its
-    place."""
+    place. Of values of a study, `places` are those of all of it: keys, and numbers of items from 0."""
 
     exit_code = 2
 
-    def __init__(self, *problems: str):
+    def __init__(self, *problems: str, places: Sequence[tuple[Any, ...]] = ()):
+        self.places = tuple(places)
         self.problems = tuple(one_line(problem) for problem in problems)
         super().__init__("\n".join(self.problems))
 

@@ -193,11 +193,7 @@ def _judge_rows(c: Calibration, data: Measurements, free_setup: bool) -> Verdict
     residual = problem.data.position - predict(c, problem)
     check_near_arm(c, bound, residual, free_setup)
     spread = propagate_uncertainty(c, problem)
-    sigma, freedom = expect_noise(c, spread)
-    studied = replace(c.floor, coordinate_mm=sigma)
-    quieter = find_quieter_noise(c, problem, residual, studied, free)
-    if quieter is not None:
-        sigma, freedom = quieter
+    sigma, freedom, quieter = _expect_noise(c, problem, residual, spread, free)
     test = compute_statistic(residual / sigma, spread / sigma, free)
     size = standardise_residual(residual, spread, sigma)
     row_p = compute_chi2_p(3, size**2)
@@ -238,8 +234,22 @@ def _judge_rows(c: Calibration, data: Measurements, free_setup: bool) -> Verdict
         patternless=patternless,
         by_size=p < whitened_p,
         beyond=count_rows_beyond(c, data),
-        quieter=None if quieter is None else (studied.coordinate_mm, sigma),
+        quieter=quieter,
     )
+
+
+def _expect_noise(
+    c: Calibration, at: Problem, residual: Array, spread: Array, free: Array
+) -> tuple[float, float, tuple[float, float] | None]:
+    """Return the noise [mm] that new data should show and its degrees of freedom; with the study's
+    noise beside that of the data where theirs is far below, and is expected instead."""
+    sigma, freedom = expect_noise(c, spread)
+    studied = replace(c.floor, coordinate_mm=sigma)
+    quieter = find_quieter_noise(c, at, residual, studied, free)
+    if quieter is None:
+        return sigma, freedom, None
+    own, own_freedom = quieter
+    return own, own_freedom, (sigma, own)
 
 
 def _find_slips(

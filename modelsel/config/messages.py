@@ -24,6 +24,11 @@ EXPECTED = (
 )
 # a bound of a number: how pydantic says it, and we do
 BOUNDS = (
+    # the least that is above zero by far
+    (
+        re.compile(r"expected greater than or equal to (1e-\d+|0\.0{5,}1)\b"),
+        "expected a positive number",
+    ),
     (re.compile(r"expected greater than or equal to (\S+)"), r"expected \1 or more"),
     (re.compile(r"expected less than or equal to (\S+)"), r"expected \1 at most"),
     (re.compile(r"expected greater than (\S+)"), r"expected more than \1"),

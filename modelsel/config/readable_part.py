@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..exceptions import StudyError
-from .study_file import Study, WrongStudy
+from .study_file import Study
 from .study_tables import SplitTable
 
 Place = tuple[Any, ...]
@@ -66,7 +66,11 @@ def read_part(table: Mapping[str, Any]) -> ReadablePart | None:
         try:
             study = Study(**tables)
             return _describe(study, wrong, hidden)
-        except WrongStudy as error:
+        except RecursionError:
+            return None
+        except StudyError as error:
+            if not error.places:
+                return None
             if not first:
                 hidden += error.problems
             first = False
@@ -76,8 +80,6 @@ def read_part(table: Mapping[str, Any]) -> ReadablePart | None:
             # values are compared as they are written: true equals 1, and is no 1
             if repr(tables) == before:
                 return None
-        except (StudyError, RecursionError):
-            return None
 
 
 def _describe(study: Study, wrong: set[Place], hidden: Sequence[str]) -> ReadablePart:

@@ -55,15 +55,6 @@ from .study_tables import (
 TABLE_SUFFIXES = (".csv", ".tsv", ".xlsx", ".xlsm", ".xlsb", ".xls", ".ods", ".parquet", ".pq")
 
 
-class WrongStudy(StudyError):
-    """What is wrong with a study's values, and the places of all of it: keys, and numbers of items
-    from 0."""
-
-    def __init__(self, *problems: str, places: Sequence[tuple[Any, ...]] = ()):
-        self.places = tuple(places)
-        super().__init__(*problems)
-
-
 class Study(FrozenTable):
     """A study's settings, validated on creation. From Python, pass the tables of the study file as
     keyword arguments: `Study(name="…", robot={…}, …)`. Raises StudyError with every problem."""
@@ -104,7 +95,7 @@ class Study(FrozenTable):
             problems = _drop_alternatives(list_single_problems(error.errors()))
             sentences = [_describe_problem(problem) for problem in problems]
             places = [_locate(problem) for problem in problems]
-            raise WrongStudy(*join_alternatives(sentences), places=places) from None
+            raise StudyError(*join_alternatives(sentences), places=places) from None
 
     @model_serializer(mode="wrap")
     def _since(self, plain: Plain) -> dict[str, Any]:
@@ -206,11 +197,9 @@ def _describe_problem(error: Any) -> str:
     *table_location, key = location
     known_keys = _list_known_keys(table_location)
     hint = suggest(str(key), known_keys)
-    table = "the study file"
     table_place, _, _ = place.rpartition(".")
-    if table_place:
-        table = f"[{table_place}]"
-    return f'{table}: unknown key "{key}". {hint}'
+    table = f"[{table_place}]: " if table_place else ""
+    return f'{table}unknown key "{key}". {hint}'
 
 
 def parse_study(text: str, where: str) -> Study:
@@ -222,9 +211,11 @@ def parse_study(text: str, where: str) -> Study:
         # a table refuses that its values are set, and this is none of them
         BaseModel.__setattr__(study, "_file_name", where)
         return study
-    except WrongStudy as error:
+    except StudyError as error:
+        if not error.places:
+            raise
         placed = [f"{where}: {problem}" for problem in error.problems]
-        raise WrongStudy(*placed, places=error.places) from None
+        raise StudyError(*placed, places=error.places) from None
     except RecursionError:
         raise StudyError(
             f"{where}: nested too deeply. Tables of a few levels are expected."

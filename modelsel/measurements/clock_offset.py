@@ -38,7 +38,7 @@ def find_clock_offset(points: Array, log: Array, max_gap: float) -> tuple[float,
 
 
 def write_seconds(seconds: float) -> str:
-    """Write a time [s]; less than a millisecond is no more than that."""
+    """Write a time [s]; less than a millisecond is told as one."""
     if seconds < MILLISECOND:
-        return f"less than {MILLISECOND:g} s"
+        return f"{MILLISECOND:g} s"
     return f"{write_rounded(seconds)} s"

@@ -339,7 +339,7 @@ def _join_by_time(points: Table, log: Table, max_gap: float, clock_offset: float
         )
     largest = float(gap[close].max())
     columns = f'"{times.column}" and "{readings.column}"'
-    words = f"by nearest time ({columns}, {write_seconds(largest)} apart at most)"
+    words = f"by nearest time ({columns}, at most {write_seconds(largest)} apart)"
     return Join("time", close, nearest[close], words)
 
 

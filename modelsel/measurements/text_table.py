@@ -143,7 +143,7 @@ def check_file(path: Path) -> None:
     remedy = "Check its name and folder; a study looks beside its own file, then in MODELSEL_DATA."
     if path.exists():
         remedy = "Give the file that holds the measurements."
-    raise DataError(f"{why}.", file=path.name, remedy=remedy)
+    raise DataError(f"{why}.", file=path.name or str(path), remedy=remedy)
 
 
 # -- the form of a file

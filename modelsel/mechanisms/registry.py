@@ -64,7 +64,14 @@ def build_thermal(reference: float = REFERENCE) -> Registry:
     }
 
 
-BUILTIN: Registry = {
+class _Builtin(dict[str, Entry]):
+    """The mechanisms of this program, which a signature shows by their name."""
+
+    def __repr__(self) -> str:
+        return "BUILTIN"
+
+
+_BUILTIN: Registry = {
     "geometric": geometry.geometric,
     "joint2-twist": gravity_effects.joint2_twist,
     "joint3-twist": gravity_effects.joint3_twist,
@@ -126,6 +133,7 @@ BUILTIN: Registry = {
     ),
     "refraction": environment.refraction,
 }
+BUILTIN: Registry = _Builtin(_BUILTIN)
 
 
 def build_faults(robot: Robot) -> tuple[Mechanism, ...]:

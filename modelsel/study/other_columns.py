@@ -80,7 +80,7 @@ def describe_other_columns(
     lines = []
     if "payload_kg" in data.covariates:
         lines.append(PAYLOAD)
-    lines += _list_names("Names of the points, which messages give", named)
+    lines += _list_names("Names of the points, by which messages call them", named)
     lines += _list_names("Looked at as possible causes of errors, too", varying)
     lines += _list_names("The same in all rows, so that nothing can depend on it", constant)
     lines += _list_names("Commanded, not measured, and not used", commanded)

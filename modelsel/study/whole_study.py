@@ -8,7 +8,7 @@ from .._arguments import check_path
 from .._files import STUDY_FILE
 from .._text import parse_toml, read_text
 from ..config.readable_part import read_part
-from ..config.study_file import Study, WrongStudy, read_study
+from ..config.study_file import Study, read_study
 from ..exceptions import StudyError
 from ..mechanisms.registry import with_plugins
 from ..robot.kinematics import Robot
@@ -43,7 +43,9 @@ def read_whole_study(path: Path, measured: bool = True) -> Study:
     names among them."""
     try:
         return read_study(path)
-    except WrongStudy as error:
+    except StudyError as error:
+        if not error.places:
+            raise
         file = path / STUDY_FILE if path.is_dir() else path
         further = _list_further_problems(file, measured)
         raise StudyError(*error.problems, *further) from None

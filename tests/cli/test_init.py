@@ -1037,6 +1037,13 @@ def test_a_column_that_tells_targets_apart_is_the_target(name) -> None:
     assert "group" not in table["measurements"]["columns"]
 
 
+def test_a_folder_in_the_place_of_a_file_is_named(tmp_path) -> None:
+    ran = invoked("init", tmp_path, "--robot", "ur10", "--yes", "--out", "o")
+    assert f"{tmp_path.name}: it is a folder." in ran.stderr
+    here = invoked("init", ".", "--robot", "ur10", "--yes", "--out", "o")
+    assert ".: it is a folder." in here.stderr
+
+
 def test_one_file_of_two_asks_for_the_other() -> None:
     frame = campaign()
     frame.insert(0, "Name", [f"P{k}" for k in range(len(frame))])

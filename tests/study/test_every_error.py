@@ -192,9 +192,7 @@ def test_a_study_to_simulate_needs_no_file(tmp_path: Path) -> None:
     (tmp_path / "study.toml").write_text(PLAIN.replace("seed = 1", "sed = 1"))
     with pytest.raises(StudyError) as error:
         simulate_study(tmp_path)
-    assert error.value.problems == (
-        'study.toml: the study file: unknown key "sed". Did you mean "seed"?',
-    )
+    assert error.value.problems == ('study.toml: unknown key "sed". Did you mean "seed"?',)
 
 
 def test_names_are_compared_with_the_file(tmp_path: Path) -> None:

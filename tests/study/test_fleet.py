@@ -368,4 +368,4 @@ def test_the_file_of_a_wrong_study_is_said_once(folder) -> None:
     with pytest.raises(StudyError) as error:
         read_fleet(folder / "fleet.toml")
     (problem,) = error.value.problems
-    assert problem.startswith("fleet.toml: arm1/study.toml: the study file: unknown key")
+    assert problem.startswith("fleet.toml: arm1/study.toml: unknown key")

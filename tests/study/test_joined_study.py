@@ -148,7 +148,7 @@ PAIRS = {
     "Leica, time": (
         leica(),
         dense_log(),
-        'by nearest time ("time" and "Time", 0.0200 s apart at most)',
+        'by nearest time ("time" and "Time", at most 0.0200 s apart)',
     ),
     "order": (
         "X;Y;Z\n" + "\n".join(numbers(x, ";") for x in campaign()[1]),
