@@ -225,7 +225,7 @@ def name_drivers(own: Mechanism, at: Problem) -> frozenset[str]:
     time, payload."""
     drivers: set[str] = set()
     for name in own.names():
-        motion = re.fullmatch(r"(?:approach|move)(\d+)", name)
+        motion = re.fullmatch(r"(?:approach|move|drag)(\d+)(?:_\d+)?", name)
         if motion:
             drivers.add(f"move{motion[1]}")
         elif name in NAMED_DRIVERS or re.fullmatch(r"q\d+", name):

@@ -38,6 +38,7 @@ def describe_extrapolation(c: Calibration, data: Measurements) -> list[str]:
         *_describe_beyond_ranges(c, data),
         *_describe_past_limits(c, data),
         *_describe_unknown_approach(c, data),
+        *_describe_unknown_path(c, data),
         *_describe_steps(c),
     ]
 
@@ -116,6 +117,19 @@ def _describe_unknown_approach(c: Calibration, data: Measurements) -> list[str]:
     return sentences
 
 
+def _describe_unknown_path(c: Calibration, data: Measurements) -> list[str]:
+    """Describe that a joint's hysteresis is left out where its path is not known."""
+    joints = list_joints_of(c, StateKind.DRAG)
+    if not joints or data.path is not None:
+        return []
+    named = sentence_list([str(joint) for joint in joints])
+    sentence = (
+        f"joint{'s' * (len(joints) > 1)} {named}: with directions of approach given, the way that the joint came is not "
+        "known; the middle of its hysteresis is taken."
+    )
+    return [sentence]
+
+
 def _describe_steps(c: Calibration) -> list[str]:
     """Describe how what stepped during the campaign is taken."""
     mechanisms = c.model.mechanisms
@@ -143,7 +157,7 @@ def list_joints_of(c: Calibration, kind: StateKind) -> list[int]:
             continue
         if variable.joint is not None:
             joints.append(variable.joint)
-    return sorted(joints)
+    return sorted(set(joints))
 
 
 def describe_order_dependence(c: Calibration, data: Measurements) -> list[str]:
@@ -151,10 +165,14 @@ def describe_order_dependence(c: Calibration, data: Measurements) -> list[str]:
     approach = list[int]()
     if data.approach_from_order:
         approach = list_joints_of(c, StateKind.APPROACH)
+    path = list[int]()
+    if data.path is not None:
+        path = list_joints_of(c, StateKind.DRAG)
     sentences = []
     for joints, what, remedy in (
         (approach, "directions of approach", " or give approach columns"),
         (list_joints_of(c, StateKind.MOVE), "sizes of the moves", ""),
+        (path, "effects of hysteresis", ""),
     ):
         if joints:
             named = sentence_list([str(j) for j in joints])

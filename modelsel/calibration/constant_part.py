@@ -12,8 +12,9 @@ import numpy as np
 from .._typing import Array
 from ..fitting.design import PLACE
 from ..fitting.problem import Problem
+from ..measurements.joint_path import JointPath
 from ..measurements.measurements import Measurements, build_measurements
-from ..measurements.state_names import is_state_name
+from ..measurements.state_names import StateKind, is_state_name, parse_state_name
 from ..mechanisms.cause_functions import FUNCTIONS
 from ..mechanisms.causes import ARITHMETIC, ONE, Applied, Cause, Combined, Member, Number
 from ..mechanisms.terms import Screw, Term
@@ -242,7 +243,23 @@ def sample_workspace(
         move = values.get(f"move{joint}", still)
         moves.append(move)
     moved = np.stack(moves, 1)
-    return bind_configurations(c, q, covariates, approach, moved, target, group)
+    at = bind_configurations(c, q, covariates, approach, moved, target, group)
+    path = _lay_path(values, q)
+    return replace(at, data=replace(at.data, path=path))
+
+
+def _lay_path(values: Mapping[str, Array], q: Array) -> JointPath:
+    """Lay a path on which every configuration (m, n) is the first of its group, and joints are ahead of
+    what they drag along as drawn."""
+    steps = np.zeros(q.shape)
+    for name, drawn in values.items():
+        variable = parse_state_name(name)
+        if variable is None or variable.kind is not StateKind.DRAG:
+            continue
+        joint = variable.joint
+        assert joint is not None
+        steps[:, joint - 1] = drawn
+    return JointPath(steps, np.ones(len(q), bool))
 
 
 def bind_configurations(

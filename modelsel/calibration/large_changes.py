@@ -12,7 +12,7 @@ from .._arguments import describe_value
 from .._typing import Array
 from ..exceptions import ArgumentError, count_words, write_rounded
 from ..measurements.measurements import Measurements
-from ..measurements.visits import derive_motion
+from ..measurements.visits import derive_path, describe_last_motion
 from .command_notes import describe_order_dependence
 
 if TYPE_CHECKING:
@@ -130,11 +130,12 @@ def leave_out_rows(data: Measurements, left_out: NDArray[np.bool_]) -> Measureme
     is left out has another size of the move, and another direction where none were given."""
     rows = np.flatnonzero(~left_out)
     some = data.take(rows)
-    approach, move, _ = derive_motion(
+    path, on_path, _ = derive_path(
         some.readings, some.configuration, some.group, some.order, some.prismatic
     )
+    approach, move = describe_last_motion(path, on_path)
     if data.approach_from_order:
-        some = replace(some, approach=approach)
+        some = replace(some, approach=approach, path=path, on_path=on_path)
     return replace(some, move=move)
 
 

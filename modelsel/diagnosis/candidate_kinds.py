@@ -30,6 +30,7 @@ class CandidateKind(Enum):
     PRODUCT = "turn of a joint with the product of two joints' readings"
     SOFT_LAG = "lag of a joint behind its last move that levels off"
     DISTORTION = "smooth error of what an instrument measures"
+    HYSTERESIS = "hysteresis of a joint that builds up over some way after each reversal"
     SHAPE = "shape that no list has, at the place of a finding or beside it"
 
 
@@ -42,6 +43,7 @@ NAMED_IN_WORDS = (
     CandidateKind.SLIDE_WAVE,
     CandidateKind.BUMP,
     CandidateKind.SOFT_LAG,
+    CandidateKind.HYSTERESIS,
     CandidateKind.POWER,
     CandidateKind.REACH,
     CandidateKind.PULL,

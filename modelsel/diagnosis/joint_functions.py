@@ -16,6 +16,7 @@ from ..mechanisms.terms import Mechanism
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate, find_cell_prior
 from .free_functions import build_function, build_surface, has_shape, name_time
+from .joint_drags import generate_drags
 from .unlisted_shapes import FURTHER, UNLISTED_ODDS
 
 # knot intervals over the range of one driver alone
@@ -27,8 +28,9 @@ TURNS = 2
 def list_joint_functions(
     problem: Problem, found: Sequence[Candidate], joint: int
 ) -> list[Candidate]:
-    """List functions of any shape at a joint as candidates, beside others; none where these have no
-    cells of the error map. They are as probable beforehand as unlisted shapes elsewhere."""
+    """List functions of any shape at a joint as candidates, and its hysteresis, beside others; none
+    where these have no cells of the error map. They are as probable beforehand as unlisted shapes
+    elsewhere."""
     cell = find_cell_prior(found)
     if not cell:
         return []
@@ -37,7 +39,9 @@ def list_joint_functions(
     of_two = list(generate_surfaces(problem, joint))
     curves = [Candidate(one, CandidateKind.SHAPE, prior / len(FINENESS)) for one in of_one]
     surfaces = [Candidate(one, CandidateKind.SHAPE, FURTHER * prior / TURNS) for one in of_two]
-    return curves + surfaces
+    drags = list(generate_drags(problem, joint))
+    hysteresis = [Candidate(one, CandidateKind.HYSTERESIS, prior / len(drags)) for one in drags]
+    return curves + surfaces + hysteresis
 
 
 def generate_curves(problem: Problem, joint: int) -> Iterator[Mechanism]:

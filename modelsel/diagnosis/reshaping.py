@@ -42,8 +42,8 @@ def improve_shapes(explored: Exploration, joints: Collection[int]) -> Exploratio
 
 
 def look_closer(explored: Exploration, joints: Collection[int]) -> Exploration:
-    """Go on with waves of two readings and functions of any shape at some joints, where one of these is
-    the strongest explanation of what is left, beyond chance."""
+    """Go on with waves of two readings, functions of any shape and hysteresis at some joints, where one of
+    these is the strongest explanation of what is left, beyond chance."""
     search, progress = explored.search, explored.progress
     more = _list_more(search, joints)
     if not more:

@@ -43,13 +43,15 @@ WITHOUT_MASSES = {
 SEEN = "the target's place"
 # names of one move that no measurement tells apart: a bump and a step of the tracker
 SAME_MOVE = {FaultKind.TRACKER_BUMPED.label: "tracker-step"}
-# kinds of one shape, whatever its constant: the reading at which it sets in, the number of slow waves
+# kinds of one shape, whatever its constant: the reading at which it sets in, the number of slow waves,
+# the way over which hysteresis builds up
 OF_ONE_SHAPE = (
     CandidateKind.JUMP,
     CandidateKind.RAMP,
     CandidateKind.SAW,
     CandidateKind.PULL,
     CandidateKind.TIME_WAVE,
+    CandidateKind.HYSTERESIS,
 )
 
 
@@ -116,12 +118,17 @@ def _list_sides(drivers: frozenset[str]) -> frozenset[str]:
 
 @cache
 def _name_driver(name: str) -> str:
-    """Name what a state variable stands for: a torque, whatever masses make it; where the target is,
-    however an instrument sees that."""
+    """Name what a state variable stands for: a torque, whatever masses make it; what a joint drags
+    along, however far behind; where the target is, however an instrument sees that."""
     if is_where_target_is(name):
         return SEEN
     variable = parse_state_name(name)
-    if variable is None or variable.kind not in WITHOUT_MASSES:
+    if variable is None:
+        return name
+    if variable.kind is StateKind.DRAG:
+        of_any_width = replace(variable, width=0)
+        return of_any_width.name
+    if variable.kind not in WITHOUT_MASSES:
         return name
     massless_kind = WITHOUT_MASSES[variable.kind]
     loaded = replace(variable, kind=massless_kind, frame=None)
@@ -140,8 +147,8 @@ def _read_shape(candidate: Candidate) -> Hashable:
     constant = find_time_constant(candidate.mechanism)
     is_warm_up = constant is not None
     if candidate.kind in OF_ONE_SHAPE or is_warm_up:
-        names_by_place = candidate.mechanism.names_by_place()
-        acts = frozenset(names_by_place.items())
+        drivers_by_place = list_drivers_by_place(candidate)
+        acts = frozenset(drivers_by_place.items())
         return candidate.kind, acts
     if candidate.but_for_sign:
         return candidate.but_for_sign[0].name

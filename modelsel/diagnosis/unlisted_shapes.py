@@ -35,6 +35,12 @@ from .free_functions import (
     generate_shapes,
 )
 from .joint_bumps import generate_bumps, generate_finer_bumps
+from .joint_drags import (
+    generate_drags,
+    generate_drags_instead,
+    generate_other_widths,
+    is_own_hysteresis,
+)
 from .pair_waves import generate_waves_of, generate_waves_together
 from .signatures import leave_out_sides
 from .simple_shapes import generate_products, generate_pulls, generate_saws, generate_soft_lags
@@ -50,6 +56,7 @@ SIMPLE = {
     generate_bumps: CandidateKind.BUMP,
     generate_products: CandidateKind.SHAPE,
     generate_soft_lags: CandidateKind.SOFT_LAG,
+    generate_drags_instead: CandidateKind.HYSTERESIS,
     generate_saws: CandidateKind.SAW,
     generate_pulls: CandidateKind.PULL,
     generate_powers: CandidateKind.POWER,
@@ -153,8 +160,11 @@ def _list_shapes(
     changing = [one for m in mechanisms for one in generate_changing(problem, m)]
     free += [one for one in changing if one.names() == drivers]
     waves = generate_waves_of(problem, place, drivers)
+    is_own = is_own_hysteresis(problem, place, drivers)
+    drags = generate_drags(problem, place[0]) if is_own else ()
     shapes = [(m, CandidateKind.SHAPE) for m in free]
     shapes += [(m, CandidateKind.POWER) for m in powers if m not in mechanisms]
+    shapes += [(m, CandidateKind.HYSTERESIS) for m in drags if m not in mechanisms]
     return shapes + [(m, CandidateKind.WAVE) for m in waves if m not in mechanisms]
 
 
@@ -185,6 +195,7 @@ def list_rivals(problem: Problem, candidate: Candidate, price: Price | None = No
         *_list_finer_waves(problem, candidate),
         *_list_finer_bumps(problem, candidate),
         *_list_finer_warm_ups(problem, candidate),
+        *_list_other_widths(problem, candidate),
         *_list_elsewhere(problem, candidate, price.cell),
         *_weigh(more, "place", MORE_DRIVERS * max(price)),
         # with this very constant
@@ -278,6 +289,14 @@ def _list_finer_bumps(problem: Problem, candidate: Candidate) -> Iterator[Rival]
     if kind is CandidateKind.BUMP:
         finer = list(generate_finer_bumps(problem, candidate.mechanism))
         yield from _weigh(finer, "drivers", candidate.prior, kind)
+
+
+def _list_other_widths(problem: Problem, candidate: Candidate) -> Iterator[Rival]:
+    """List hysteresis like what was found that builds up over another way: the same shape."""
+    kind = candidate.kind
+    if kind is CandidateKind.HYSTERESIS:
+        others = list(generate_other_widths(problem, candidate.mechanism))
+        yield from _weigh(others, "shape", candidate.prior, kind)
 
 
 def _weigh(

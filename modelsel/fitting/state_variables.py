@@ -13,6 +13,7 @@ from .._typing import Array, Rows
 from ..exceptions import StudyError
 from ..measurements.measurements import Measurements
 from ..measurements.state_names import (
+    THOUSAND,
     StateKind,
     StateVariable,
     covariate_unit,
@@ -33,6 +34,7 @@ MEASURED = (
     StateKind.PROGRESS,
     StateKind.APPROACH,
     StateKind.MOVE,
+    StateKind.DRAG,
     StateKind.RATE,
 )
 Placement = tuple[Array, Array]
@@ -128,6 +130,8 @@ class StateVariables:
             raise StudyError(
                 f"the model depends on {describe_state_name(name)}, of which the measurements say nothing."
             )
+        if variable.kind is StateKind.DRAG:
+            return {name: _lead(self, variable)}
         evaluate = EVALUATORS[variable.kind]
         values = evaluate(self)
         columns = values.items()
@@ -153,6 +157,8 @@ def _inputs(data: Measurements) -> tuple[object, ...]:
         data.q,
         data.approach,
         data.move,
+        data.path,
+        data.on_path,
         data.rate,
         data.progress,
         data.target,
@@ -192,6 +198,19 @@ def _approaches(state: StateVariables) -> Values:
 def _moves(state: StateVariables) -> Values:
     moves = state.data.move
     return _by_joint(StateKind.MOVE, moves)
+
+
+def _lead(state: StateVariables, variable: StateVariable) -> Array:
+    """Compute how far a joint is ahead of what it drags along (m,): nowhere where its path is not
+    known."""
+    data = state.data
+    joint, width = variable.joint, variable.width
+    assert joint is not None
+    assert width is not None
+    if data.path is None or data.on_path is None:
+        return np.zeros(len(data))
+    leads = data.path.lead(joint, width / THOUSAND)
+    return leads[data.on_path]
 
 
 def _rates(state: StateVariables) -> Values:

@@ -17,6 +17,7 @@ from ..notices import Note
 from ..robot.coupling import Coupling, readings_of
 from ..robot.rigid import to_quaternion
 from .features import COORDINATES, KINDS, Feature, KindColumns, add_kind_columns, collect_features
+from .joint_path import JointPath
 from .motion import APPROACH_FROM_ORDER, MeasuredRows, Waypoints, describe_motion, trace_motion
 from .rates import derive_rates
 from .reference_temperature import REFERENCE, choose_reference
@@ -107,6 +108,8 @@ class Measurements:
     coupling: Coupling | None = None  # how motors move the joints; None: each its own
     # (m, n) how fast each joint (coupled: motor) moved, rad/s or mm/s; None without a clock
     rate: Array | None = None
+    path: JointPath | None = None  # through all visits; None where directions of approach are given
+    on_path: Index | None = None  # (m,) place of each row's visit on it
 
     def __len__(self) -> int:
         return len(self.position)
@@ -315,6 +318,7 @@ def build_measurements(
     place = np.arange(m) if row is None else row
     rows = MeasuredRows(q, place, group, configuration, order)
     motion = trace_motion(rows, waypoints, coupling, prismatic)
+    given = None if approach is None else np.asarray(approach, float)
     covariates = dict(covariates or {})
     time = covariates.get("time_s")
     data = Measurements(
@@ -326,7 +330,7 @@ def build_measurements(
         target=target_index,
         group=group_index,
         order=motion.order,
-        approach=motion.approach if approach is None else np.asarray(approach, float),
+        approach=motion.approach if given is None else given,
         move=motion.move,
         progress=compute_progress(group_index, motion.order, time),
         targets=targets,
@@ -335,19 +339,15 @@ def build_measurements(
         sigma=sigma,
         rotation=None if orientation is None else orientation.rotation,
         sigma_rotation=None if orientation is None else orientation.sigma,
-        notes=describe_motion(
-            motion, prismatic, None if approach is None else np.asarray(approach)
-        ),
+        notes=describe_motion(motion, prismatic, given),
         prismatic=tuple(prismatic),
         reference_celsius=choose_reference(covariates),
         coupling=coupling,
-        rate=None
-        if time is None
-        else derive_rates(readings_of(coupling, q), group_index, motion.visit, time),
+        rate=derive_rates(readings_of(coupling, q), group_index, motion.visit, time),
+        path=motion.path if given is None else None,
+        on_path=motion.on_path,
     )
-    if kinds is None:
-        return data
-    return _add_kinds(data, kinds)
+    return data if kinds is None else _add_kinds(data, kinds)
 
 
 def _add_kinds(data: Measurements, kinds: KindColumns) -> Measurements:

@@ -10,8 +10,9 @@ import numpy as np
 from .._typing import Array, Index
 from ..notices import Note
 from ..robot.coupling import Coupling, readings_of
+from .joint_path import JointPath
 from .resting_joints import describe_resting_joints
-from .visits import derive_motion, number_keys, number_visits
+from .visits import derive_path, describe_last_motion, number_keys, number_visits
 
 # codes of notes
 APPROACH_FROM_ORDER, APPROACH_AGAINST_ORDER = "approach-from-order", "approach-against-order"
@@ -48,13 +49,15 @@ class MeasuredRows:
 class Motion:
     """Of every measured row: `visit` (m,) its visit's number; `approach` and `move` (m, n), sign and
     size of each motor's last motion; `order` (m,) in the group. `flicker` (n,): the largest change
-    of each reading that is no motion."""
+    of each reading that is no motion. `path`, with the place (m,) of each row's visit `on_path`."""
 
     visit: Index
     approach: Array
     move: Array
     order: Array
     flicker: Array
+    path: JointPath
+    on_path: Index
 
 
 def trace_motion(
@@ -86,9 +89,11 @@ def trace_motion(
     visit = number_visits(rows.q, rows.configuration, group)
     readings = readings_of(coupling, rows.q)
     along = order if rows.order is None else rows.order
-    approach, move, flicker = derive_motion(readings, visit, group, along, prismatic)
+    path, on_path, flicker = derive_path(readings, visit, group, along, prismatic)
     back = np.argsort(place, kind="stable")[:measured]
-    return Motion(visit[back], approach[back], move[back], np.asarray(order, float), flicker)
+    places = on_path[back]
+    approach, move = describe_last_motion(path, places)
+    return Motion(visit[back], approach, move, np.asarray(order, float), flicker, path, places)
 
 
 def _join(

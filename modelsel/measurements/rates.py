@@ -10,12 +10,14 @@ from .._typing import Array, Index
 POINTS = 5
 
 
-def derive_rates(readings: Array, group: Index, visit: Index, time: Array) -> Array:
+def derive_rates(readings: Array, group: Index, visit: Index, time: Array | None) -> Array | None:
     """Derive how fast each motor moved (m, n) [rad/s, mm/s] from its readings (m, n) and the clock
-    (m,) [s], group by group; 0 where the arm stands still: a visit that lasts.
+    (m,) [s], group by group; 0 where the arm stands still: a visit that lasts. None without a clock.
 
     The derivative of the polynomial through a row and its neighbours in time (Fornberg 1988), whose
     times need not be even. Of several rows at one time the mean reading counts."""
+    if time is None:
+        return None
     rates = np.zeros(readings.shape)
     for number in np.unique(group):
         rows = np.flatnonzero(group == number)

@@ -16,6 +16,19 @@ from itertools import product
 
 from ..robot.kinematics import Robot
 
+THOUSAND = 1000.0  # mrad in a rad, µm in a mm
+# widths up to which a joint gets ahead of what it drags along: of one that turns [mrad], and of a
+# slide [µm]; preferred numbers of ISO 3, R 40/3, as whole numbers
+TURNED = (
+    *(4, 5, 6, 7, 8, 10, 11, 13, 16, 19, 22, 26, 32, 38, 45, 53, 63, 75, 90, 106, 125, 150),
+    *(180, 212, 250, 300, 355, 425, 500, 600, 710, 850, 1000, 1180, 1400),
+)
+SLID = (
+    *(180, 212, 250, 300, 355, 425, 500, 600, 710, 850, 1000, 1180, 1400, 1700, 2000, 2360),
+    *(2800, 3350, 4000, 4750, 5600, 6700, 8000, 9500, 11200, 13200, 16000, 19000, 22400),
+    *(26500, 31500, 37500, 45000, 53000, 63000, 75000, 90000),
+)
+
 
 class StateKind(Enum):
     """What a state variable is."""
@@ -35,6 +48,7 @@ class StateKind(Enum):
     PROGRESS = "place in the campaign, 0 to 1"
     APPROACH = "direction of a joint's last motion"
     MOVE = "size of a joint's last motion"
+    DRAG = "how far a joint is ahead of what it drags along"
     RATE = "how fast a joint moves"
     TORQUE = "gravity torque about a joint's axis"
     BASE_MOMENT = "moment of the arm's weight about frame 0"
@@ -47,12 +61,14 @@ class StateKind(Enum):
 @dataclass(frozen=True)
 class StateVariable:
     """One quantity of the state: its kind, and where its name has them the joint (from 1), the
-    axis ("x", "y" or "z") and the frame (from 2) at whose origin 1 kg is thought to hang."""
+    axis ("x", "y" or "z"), the frame (from 2) at whose origin 1 kg is thought to hang, and the width
+    [mrad or µm] up to which a joint gets ahead of what it drags along."""
 
     kind: StateKind
     joint: int | None = None
     axis: str | None = None
     frame: int | None = None
+    width: int | None = None
 
     @property
     def family(self) -> StateFamily:
@@ -70,7 +86,7 @@ class StateVariable:
         return self._fill(self.family.words)
 
     def _fill(self, template: str) -> str:
-        return template.format(joint=self.joint, axis=self.axis, frame=self.frame)
+        return template.format(joint=self.joint, axis=self.axis, frame=self.frame, width=self.width)
 
     def unit(self, robot: Robot) -> str:
         """Return the unit on an arm, "1" where it has none."""
@@ -95,13 +111,15 @@ class StateVariable:
         frame = self.frame or last_frame
         if not 1 <= joint <= robot.n:
             return False
+        if self.width is not None and self.width not in list_widths(robot, joint):
+            return False
         return joint < frame <= last_frame
 
 
 @dataclass(frozen=True)
 class StateFamily:
-    """How the names of one kind are written: `template` with {joint}, {axis} (one of `axes`) and
-    {frame}, and `words` for sentences with the same; `unit`, None where it depends on the joint;
+    """How the names of one kind are written: `template` with {joint}, {axis} (one of `axes`), {frame}
+    and {width}, and `words` for sentences with the same; `unit`, None where it depends on the joint;
     `by_gravity`: only where the direction of gravity is known."""
 
     kind: StateKind
@@ -118,6 +136,7 @@ class StateFamily:
             "joint": r"(?P<joint>\d+)",
             "axis": f"(?P<axis>[{self.axes}])",
             "frame": r"(?P<frame>\d+)",
+            "width": r"(?P<width>\d+)",
         }
         return re.compile(self.template.format(**groups))
 
@@ -131,9 +150,12 @@ class StateFamily:
             joints = range(1, robot.n + 1)
         if "{frame}" in template:
             frames = range(2, robot.n + 2)
-        indices = product(joints, frames, axes)
-        for joint, frame, axis in indices:
-            variable = StateVariable(self.kind, joint, axis, frame)
+        widths: Iterable[int | None] = (None,)
+        if "{width}" in template:
+            widths = sorted({*TURNED, *SLID})
+        indices = product(joints, frames, axes, widths)
+        for joint, frame, axis, width in indices:
+            variable = StateVariable(self.kind, joint, axis, frame, width)
             if variable.exists(robot):
                 yield variable
 
@@ -156,6 +178,12 @@ FAMILIES = (
     StateFamily(StateKind.PROGRESS, "progress", "the course of the campaign"),
     StateFamily(StateKind.APPROACH, "approach{joint}", "the side that joint {joint} came from"),
     StateFamily(StateKind.MOVE, "move{joint}", "the last move of joint {joint}", None),
+    StateFamily(
+        StateKind.DRAG,
+        "drag{joint}_{width}",
+        "how far joint {joint} is ahead of what it drags along",
+        None,
+    ),
     StateFamily(StateKind.RATE, "rate{joint}", "the speed of joint {joint}", None),
     StateFamily(
         StateKind.TORQUE,
@@ -250,13 +278,9 @@ def parse_state_name(name: str) -> StateVariable | None:
         match = family.pattern.fullmatch(name)
         if match is not None:
             parts = match.groupdict()
-            joint, frame = parts.get("joint"), parts.get("frame")
-            return StateVariable(
-                family.kind,
-                None if joint is None else int(joint),
-                parts.get("axis"),
-                None if frame is None else int(frame),
-            )
+            axis = parts.pop("axis", None)
+            numbers = {part: int(digits) for part, digits in parts.items()}
+            return StateVariable(family.kind, axis=axis, **numbers)
     return None
 
 
@@ -298,6 +322,12 @@ def state_units(robot: Robot) -> dict[str, str]:
         for family in FAMILIES
         for variable in family.members(robot)
     }
+
+
+def list_widths(robot: Robot, joint: int) -> tuple[int, ...]:
+    """List the widths [mrad, of a slide µm] up to which a joint (from 1) may get ahead of what it
+    drags along."""
+    return SLID if robot.joints[joint - 1].prismatic else TURNED
 
 
 def covariate_unit(name: str) -> str:

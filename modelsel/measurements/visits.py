@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from .._linalg import connected_components
 from .._typing import Array, Index
+from .joint_path import JointPath
 from .resting_joints import find_resting_steps
 
 # rad or mm: two readings closer than this are the same configuration
@@ -107,12 +108,11 @@ def number_blocks(q: Array, configuration: Index, max_lag: int = MAX_LAG) -> Ind
     return blocks[visit]
 
 
-def derive_motion(
+def derive_path(
     q: Array, configuration: Index, group: Index, order: Array, prismatic: Sequence[bool]
-) -> tuple[Array, Array, Array]:
-    """Derive (approach, move), each (m, n), from the order of motion, and the largest flicker of
-    each joint's reading (n,) that is no motion; the first configuration of a group has 0. Approach
-    keeps its sign while a joint rests, as the play in a gear does."""
+) -> tuple[JointPath, Index, Array]:
+    """Derive the path through all visits, the place (m,) of each row's visit on it, and the largest
+    flicker of each joint's reading (n,) that is no motion."""
     visits = _order_visits(configuration, group, order)
     visit_group = group[visits]
     opens_group = np.ones(len(visits), bool)
@@ -120,12 +120,11 @@ def derive_motion(
     number = np.arange(len(visits))
     place = np.empty(int(configuration.max(initial=-1)) + 1, dtype=np.intp)
     place[configuration[visits]] = number
-    row_visit = place[configuration]
-    approach, move = np.empty(q.shape), np.empty(q.shape)
+    row_visit: Index = place[configuration]
+    steps = np.zeros((len(visits), q.shape[1]))
     flicker = np.zeros(q.shape[1])
-    # joint by joint: of a million rows, no more than a few columns are held beside the result
     for j, readings in enumerate(q.T):
-        step = np.zeros(len(visits))
+        step = steps[:, j]
         step[1:] = np.diff(readings[visits])
         step[opens_group] = 0
         step[np.abs(step) <= SAME_READING] = 0
@@ -133,11 +132,22 @@ def derive_motion(
         resting = find_resting_steps(step, opens_group, slides)
         flicker[j] = np.abs(step[resting]).max(initial=0.0)
         step[resting] = 0
-        is_motion = (step != 0) | opens_group
+    return JointPath(steps, opens_group), row_visit, flicker
+
+
+def describe_last_motion(path: JointPath, row_visit: Index) -> tuple[Array, Array]:
+    """Return (approach, move), each (m, n): sign and size of the motion that led to each row's visit;
+    a joint that rests keeps the sign."""
+    number = np.arange(len(path.opens))
+    shape = len(row_visit), path.steps.shape[1]
+    approach, move = np.empty(shape), np.empty(shape)
+    # joint by joint: of a million rows, no more than a few columns are held beside the result
+    for j, step in enumerate(path.steps.T):
+        is_motion = (step != 0) | path.opens
         last_motion = np.maximum.accumulate(np.where(is_motion, number, 0))
         approach[:, j] = np.sign(step[last_motion])[row_visit]
         move[:, j] = np.abs(step)[row_visit]
-    return approach, move, flicker
+    return approach, move
 
 
 def _order_visits(configuration: Index, group: Index, order: Array) -> Index:

@@ -151,7 +151,7 @@ def draw_approaches(data: Measurements, seed: int) -> Measurements:
     rng = generator(seed, "simulate")
     drawn = rng.choice([-1.0, 1.0], shape)
     approach = drawn[configuration]
-    return replace(data, approach=approach)
+    return replace(data, approach=approach, path=None)
 
 
 def leave_out_approaches(columns: Mapping[str, Array]) -> dict[str, Array]:

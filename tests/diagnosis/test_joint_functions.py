@@ -50,10 +50,14 @@ def test_functions_are_as_probable_as_unlisted_shapes(rng: np.random.Generator) 
     priors: dict[frozenset[str], float] = {}
     for one in list_joint_functions(at, found, 3):
         names = one.mechanism.names()
+        if one.kind is CandidateKind.HYSTERESIS:
+            # all of it, whatever the width, and of both forms
+            names = frozenset({"hysteresis"})
         priors[names] = priors.get(names, 0.0) + one.prior
     for names, prior in priors.items():
         further = FURTHER if len(names) > 1 else 1.0
         assert prior == pytest.approx(further * UNLISTED_ODDS * cell)
+    assert frozenset({"hysteresis"}) in priors
     assert list_joint_functions(at, (), 3) == []
 
 

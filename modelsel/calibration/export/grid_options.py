@@ -193,6 +193,8 @@ def describe_validity(c: Calibration, joints: Sequence[int], held: Held) -> list
         said.append("for the direction of approach, the middle of the play is taken")
     if any(name.startswith("move") for name in needs):
         said.append("the size of the last move is not taken into account")
+    if any(state_kind(name) is StateKind.DRAG for name in needs):
+        said.append("for what a joint drags along, the middle between both sides is taken")
     return said
 
 
@@ -220,6 +222,8 @@ def list_held(c: Calibration, joints: Sequence[int], held: Held) -> tuple[str, .
         out.append("the direction of approach (the middle of the play is taken)")
     if StateKind.MOVE in kinds:
         out.append("the size of the last move")
+    if StateKind.DRAG in kinds:
+        out.append("what a joint drags along (the middle between both sides is taken)")
     if StateKind.RATE in kinds:
         out.append("the speed (the arm stands still)")
     return tuple(out)

@@ -30,7 +30,13 @@ if TYPE_CHECKING:
 
 START = "DATA: Data = "  # of the last line of standalone.py, and of what a module has in its place
 # kinds of state that joint readings do not say
-GIVEN_KINDS = (StateKind.APPROACH, StateKind.MOVE, StateKind.RATE, StateKind.PROGRESS)
+GIVEN_KINDS = (
+    StateKind.APPROACH,
+    StateKind.MOVE,
+    StateKind.DRAG,
+    StateKind.RATE,
+    StateKind.PROGRESS,
+)
 
 
 def load_program() -> str:
@@ -127,7 +133,7 @@ def module_data(c: Calibration) -> dict[str, Any]:
 
 def list_inputs(c: Calibration) -> list[str]:
     """List the names that the model uses and joint readings do not say: covariates, directions of
-    approach, moves, speeds, progress."""
+    approach, moves, hysteresis, speeds, progress."""
     inputs = []
     for name in c.needs():
         kind = state_kind(name)

@@ -53,7 +53,7 @@ REMEDIES: tuple[tuple[set[object], str], ...] = (
         "measured again at another time of the campaign",
     ),
     (
-        {StateKind.APPROACH, StateKind.MOVE, StateKind.RATE},
+        {StateKind.APPROACH, StateKind.MOVE, StateKind.DRAG, StateKind.RATE},
         "approached from both sides, by short and by long moves",
     ),
     ({"payload_kg"}, "measured with and without the payload"),

@@ -1,0 +1,46 @@
+"""The way of the arm from visit to visit, and what a joint drags along on it: hysteresis that
+remembers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._typing import Array
+
+
+@dataclass(frozen=True, eq=False)
+class JointPath:
+    """How the joints (coupled: the motors) moved from visit to visit, waypoints too, in order of
+    motion: `steps` (v, n) signed motion that led to each visit, rad or mm, 0 where `opens` (v,) has a
+    group's first visit. Selections of rows share it."""
+
+    steps: Array
+    opens: NDArray[np.bool_]
+    _leads: dict[tuple[int, float], Array] = field(default_factory=dict, repr=False)
+
+    def lead(self, joint: int, width: float) -> Array:
+        """Return how far a joint (from 1) is ahead of what it drags along (v,), at most `width` to
+        either side: the stop operator of its motion, 0 at a group's first visit."""
+        key = joint, width
+        if key not in self._leads:
+            steps = self.steps[:, joint - 1].tolist()
+            opens = self.opens.tolist()
+            self._leads[key] = _stop(steps, opens, width)
+        return self._leads[key]
+
+
+def _stop(steps: list[float], opens: list[bool], width: float) -> Array:
+    """Add up steps (v,), and cut the sum to [-width, width] after each; from 0 where a group opens."""
+    lead = 0.0
+    leads = []
+    for step, is_first in zip(steps, opens, strict=True):
+        if is_first:
+            lead = 0.0
+        ahead = lead + step
+        bounded = max(ahead, -width)
+        lead = min(bounded, width)
+        leads.append(lead)
+    return np.array(leads, dtype=float)
