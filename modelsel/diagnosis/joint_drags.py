@@ -8,7 +8,7 @@ the reading without it (play)."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -33,10 +33,10 @@ from .unregistered import build_cell
 MIN_VISITS = 4
 # a joint is ahead by as much as it can be, up to this share
 FULL = 1 - 1e-6
-# of the widths that have names, every second is looked for; up to this factor others stand beside
+# by this factor the widths that are looked for are at least apart; up to the other, some stand beside
 # one that was found
-EVERY = 2
-NEAR = 2.0
+APART = 1.35
+NEAR = 1.5
 # what has such errors, as far as is known
 DRAWN = ("cable or hose that is drawn along",)
 DRAGGED = ("friction before it slides", *DRAWN)
@@ -47,7 +47,7 @@ OWN_KINDS = {StateKind.READING, StateKind.APPROACH, StateKind.MOVE, StateKind.DR
 def generate_drags(problem: Problem, joint: int) -> Iterator[Mechanism]:
     """Generate errors of a joint with its lead over what it drags along, and with the way of that: for
     widths that the rows tell from none and from one that is never used up."""
-    for width in list_told_widths(problem, joint)[::EVERY]:
+    for width in _thin_out(list_told_widths(problem, joint)):
         yield build_drag(problem, joint, width)
         yield build_drag(problem, joint, width, follows=True)
 
@@ -61,7 +61,7 @@ def build_drag(problem: Problem, joint: int, width: int, follows: bool = False) 
     lead = Named(variable.name, unit)
     # from being ahead on one side to being ahead on the other
     size = 2 * width / THOUSAND
-    over = describe_reading(robot.joints[joint - 1], size, size / 10)
+    over = describe_reading(robot.joints[joint - 1], size, size / 20)
     cause: Cause = lead
     words = f"hysteresis that builds up over {over}"
     sentence = f"by hysteresis that builds up over {over} after each reversal"
@@ -93,6 +93,15 @@ def list_told_widths(problem: Problem, joint: int) -> list[int]:
         if min(full, len(visits) - full) >= MIN_VISITS:
             told.append(width)
     return told
+
+
+def _thin_out(widths: Sequence[int]) -> list[int]:
+    """Choose widths that are well apart."""
+    chosen: list[int] = []
+    for width in widths:
+        if not chosen or width >= APART * chosen[-1]:
+            chosen.append(width)
+    return chosen
 
 
 def is_own_hysteresis(problem: Problem, place: Place, names: Collection[str]) -> bool:

@@ -8,7 +8,7 @@ covariates of a file come under the names of their columns."""
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property, lru_cache
@@ -17,17 +17,25 @@ from itertools import product
 from ..robot.kinematics import Robot
 
 THOUSAND = 1000.0  # mrad in a rad, µm in a mm
+# preferred numbers of ISO 3, R 40
+PREFERRED = (
+    *(100, 106, 112, 118, 125, 132, 140, 150, 160, 170, 180, 190, 200, 212, 224, 236, 250, 265),
+    *(280, 300, 315, 335, 355, 375, 400, 425, 450, 475, 500, 530, 560, 600, 630, 670, 710, 750),
+    *(800, 850, 900, 950),
+)
+
+
+def _list_preferred(least: int, most: int) -> dict[int, None]:
+    """List the preferred numbers from one to another, as whole numbers in their order."""
+    decades = (0.01, 0.1, 1.0, 10.0, 100.0)
+    numbers = {round(decade * number) for decade in decades for number in PREFERRED}
+    return dict.fromkeys(number for number in sorted(numbers) if least <= number <= most)
+
+
 # widths up to which a joint gets ahead of what it drags along: of one that turns [mrad], and of a
-# slide [µm]; preferred numbers of ISO 3, R 40/3, as whole numbers
-TURNED = (
-    *(4, 5, 6, 7, 8, 10, 11, 13, 16, 19, 22, 26, 32, 38, 45, 53, 63, 75, 90, 106, 125, 150),
-    *(180, 212, 250, 300, 355, 425, 500, 600, 710, 850, 1000, 1180, 1400),
-)
-SLID = (
-    *(180, 212, 250, 300, 355, 425, 500, 600, 710, 850, 1000, 1180, 1400, 1700, 2000, 2360),
-    *(2800, 3350, 4000, 4750, 5600, 6700, 8000, 9500, 11200, 13200, 16000, 19000, 22400),
-    *(26500, 31500, 37500, 45000, 53000, 63000, 75000, 90000),
-)
+# slide [µm]
+TURNED = _list_preferred(4, 1400)
+SLID = _list_preferred(200, 90_000)
 
 
 class StateKind(Enum):
@@ -152,7 +160,8 @@ class StateFamily:
             frames = range(2, robot.n + 2)
         widths: Iterable[int | None] = (None,)
         if "{width}" in template:
-            widths = sorted({*TURNED, *SLID})
+            slides = any(robot.prismatic)
+            widths = (TURNED | SLID) if slides else TURNED
         indices = product(joints, frames, axes, widths)
         for joint, frame, axis, width in indices:
             variable = StateVariable(self.kind, joint, axis, frame, width)
@@ -324,9 +333,9 @@ def state_units(robot: Robot) -> dict[str, str]:
     }
 
 
-def list_widths(robot: Robot, joint: int) -> tuple[int, ...]:
+def list_widths(robot: Robot, joint: int) -> Mapping[int, None]:
     """List the widths [mrad, of a slide µm] up to which a joint (from 1) may get ahead of what it
-    drags along."""
+    drags along, in their order."""
     return SLID if robot.joints[joint - 1].prismatic else TURNED
 
 

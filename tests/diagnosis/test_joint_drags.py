@@ -90,7 +90,8 @@ def test_hysteresis_stands_against_other_widths_and_the_other_form(
     own = build_drag(at, 4, 500)
     finer = list(generate_other_widths(at, own))
     assert {one.names() for one in finer} == {
-        frozenset({f"drag4_{width}"}) for width in (300, 355, 425, 600, 710, 850)
+        frozenset({f"drag4_{width}"})
+        for width in (335, 355, 375, 400, 425, 450, 475, 530, 560, 600, 630, 670, 710)
     }
     rivals = [
         one for one in list_rivals(at, Candidate(own, KIND, 0.01)) if one.candidate.kind is KIND
@@ -158,10 +159,10 @@ def test_hysteresis_is_told_by_the_way_over_which_it_builds_up(rng: np.random.Ge
 @seeds(1)
 def test_a_slide_drags_by_millimetres(rng: np.random.Generator) -> None:
     at = drawn(small_arm(prismatic=True), rng, 40)
-    own = Candidate(build_drag(at, 3, 11200), KIND, 0.01)
-    assert own.label == "frame 3 tz · hysteresis that builds up over 22 mm"
+    own = Candidate(build_drag(at, 3, 11800), KIND, 0.01)
+    assert own.label == "frame 3 tz · hysteresis that builds up over 24 mm"
     assert all(one.names_by_place().keys() == {(3, "tz")} for one in generate_drags(at, 3))
-    assert {Named("drag3_11200", "mm")} == {s.cause for t in own.mechanism.terms for s in t.screws}
+    assert {Named("drag3_11800", "mm")} == {s.cause for t in own.mechanism.terms for s in t.screws}
 
 
 def wind_up(path: Array, stiffness: float, slips_at: float) -> Array:
@@ -205,7 +206,7 @@ def test_friction_and_what_is_dragged_are_found_as_hysteresis(
     q = at.data.q.copy()
     if steps == "small":
         q = np.stack([walk(rng, m, *joint.range) for joint in at.robot.joints], 1)
-    joint = int(rng.integers(2, 6))
+    joint = int(rng.integers(1, 4))
     half = rng.uniform(*width)
     off = q.copy()
     off[:, joint - 1] += 6e-4 * wind_up(q[:, joint - 1], 1 / half, 1.0)
@@ -219,6 +220,6 @@ def test_friction_and_what_is_dragged_are_found_as_hysteresis(
     (name,) = effect.candidate.mechanism.names()
     stem, _, told = name.partition("_")
     assert stem == f"drag{joint}"
-    assert int(told) / 1000 == pytest.approx(half, rel=0.25)
+    assert int(told) / 1000 == pytest.approx(half, rel=0.15)
     left = measured(bent, position)
     assert np.sqrt(np.square(found.fit.residuals(left)).mean()) < 1.15 * SIGMA
