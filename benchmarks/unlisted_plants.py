@@ -38,7 +38,8 @@ afterwards: products of two readings, errors around one reading (bump), and shap
 the campaign (creep). Three more came after these; the soft lag then led to rivals, and the dent, told
 as bumps are, was looked at when these became candidates. The last four came after that: the
 difference led to waves of two readings at a joint that seems not to repeat, later as rivals, too, the
-sway to slow waves along the campaign; what warms and what drags came last. With these two, with what settles, with play
+sway to slow waves along the campaign; what warms and what drags came last. What drags led to hysteresis
+that remembers, as rivals and at a joint that seems not to repeat. With what warms, with what settles, with play
 that gives way and with the wrist that bends, no candidate and no constant was chosen. What is drawn
 came when the search was finished again; functions of any shape at a joint that seems not to repeat,
 powers of covariates with few values, and prior probabilities of unlisted shapes followed from it.

@@ -6,7 +6,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from ..measurements.state_names import THOUSAND, StateKind, StateVariable, parse_state_name
+from ..measurements.state_names import StateKind, StateVariable, parse_state_name
 from ..mechanisms.cause_formulas import MEMBER
 
 WORD = re.compile(r"[A-Za-z_]\w*")
@@ -108,8 +108,7 @@ def explain_member(word: str) -> str | None:
 def describe_variable(variable: StateVariable) -> str:
     """Describe a derived name in full: what it is, and of which joint, frame and axis."""
     if variable.width is not None:
-        most = variable.width / THOUSAND
-        return f"{variable.words}, at most {most:g} rad (of a slide mm)"
+        return f"{variable.words}, at most {variable.most:g} rad (of a slide mm)"
     is_whole = variable.frame is None and variable.axis is None
     if is_whole:
         return variable.words

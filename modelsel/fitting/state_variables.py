@@ -13,7 +13,6 @@ from .._typing import Array, Rows
 from ..exceptions import StudyError
 from ..measurements.measurements import Measurements
 from ..measurements.state_names import (
-    THOUSAND,
     StateKind,
     StateVariable,
     covariate_unit,
@@ -204,12 +203,11 @@ def _lead(state: StateVariables, variable: StateVariable) -> Array:
     """Compute how far a joint is ahead of what it drags along (m,): nowhere where its path is not
     known."""
     data = state.data
-    joint, width = variable.joint, variable.width
+    joint = variable.joint
     assert joint is not None
-    assert width is not None
     if data.path is None or data.on_path is None:
         return np.zeros(len(data))
-    leads = data.path.lead(joint, width / THOUSAND)
+    leads = data.path.lead(joint, variable.most)
     return leads[data.on_path]
 
 

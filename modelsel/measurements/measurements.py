@@ -165,7 +165,7 @@ class Measurements:
     def to_frame(self) -> pd.DataFrame:
         """Return the measurements in contract form, in rad and mm, indexed by the row of the file
         they came from; `read_measurements` reads it back. Positions that were not measured have no
-        columns; of rows that were left out, no move is known any more."""
+        columns; of rows that were left out, no move is known any more, and of none the path."""
         import pandas as pd
 
         columns = {

@@ -93,6 +93,11 @@ class StateVariable:
         """What it is, within a sentence: "the reading of joint 2"."""
         return self._fill(self.family.words)
 
+    @property
+    def most(self) -> float:
+        """The most that it is on either side [rad or mm] of a joint's drag; 1 of a side alone."""
+        return 1.0 if self.width is None else self.width / THOUSAND
+
     def _fill(self, template: str) -> str:
         return template.format(joint=self.joint, axis=self.axis, frame=self.frame, width=self.width)
 

@@ -39,6 +39,8 @@ SHIFTS = slice(0, 3)
 ABOUT_Z = slice(5, 6)
 # mechanisms whose estimate is half of the step between two sides
 PLAYS = ("backlash", "approach-backlash", "overshoot")
+# kinds of state that have two sides
+SIDED = (StateKind.APPROACH, StateKind.DRAG)
 SIDES = "difference between the two directions"
 # K over which thermal effects are told; rad and mm over which slopes are
 RISE = 10.0
@@ -86,7 +88,8 @@ def _choose_by_driver(cause: Cause) -> Measure | None:
     """Choose how to measure an effect of one screw: a side of approach, or a rise in temperature."""
     (name, *others) = sorted(cause.names()) or [""]
     variable = parse_state_name(name)
-    if variable is not None and variable.kind is StateKind.APPROACH and cause == Named(name):
+    is_side = variable is not None and variable.kind in SIDED
+    if is_side and isinstance(cause, Named):
         return _measure_sides
     is_rise = isinstance(cause, Named) or (isinstance(cause, Combined) and cause.operator in "+-")
     if name == TEMPERATURE and not others and is_rise:
@@ -134,7 +137,9 @@ def _measure_sides(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
     screw = mechanism.terms[0].screws[0]
     if not fitted.workspace.has_both_sides(screw.cause):
         return
-    whole = fitted.range_of(np.array([2.0]))
+    (variable,) = map(parse_state_name, screw.cause.names())
+    assert variable is not None
+    whole = fitted.range_of(np.array([2.0 * variable.most]))
     yield _express_motion(SIDES, whole, screw.axis)
 
 

@@ -22,6 +22,7 @@ NAMES = (
     "q2",
     "approach3",
     "move1",
+    "drag2_250",
     "range_mm",
     "beam_azimuth",
     "beam_rise_x",

@@ -10,6 +10,7 @@ import pytest
 from builders import drawn, small_arm
 
 from modelsel.exceptions import DataError
+from modelsel.measurements.joint_path import JointPath
 from modelsel.measurements.measurements import Measurements, build_measurements
 from modelsel.measurements.reader import read_labels, read_measurements
 
@@ -160,7 +161,10 @@ def test_out_and_back(rng) -> None:
         "approach2",
         "humidity",
     } <= set(out.columns)
-    same(read_measurements(out, (False, True)), data, but=("notes",), places=1e-15)
+    again = read_measurements(out, (False, True))
+        same(again, data, but=("notes", "path"), places=1e-15)
+        # its directions of approach are given, and need not be those from the row before
+        assert again.path is None
     at = drawn(small_arm(True), rng, 20).data
     same(
         read_measurements(at.to_frame(), at.prismatic), at, but=("notes", "units")

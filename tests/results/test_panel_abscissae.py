@@ -28,6 +28,7 @@ def choose(cause: Cause):
         (WARMING, "time_s", "s"),
         (Applied("abs", Named("torque2", "N m")), "gravity torque about joint 2", "N m"),
         (q(4) * q(4), "q4", "deg"),
+        (Named("drag4_45", "rad"), "how far joint 4 is ahead of what it drags along", "deg"),
         (Named("payload_kg", "kg") * q(4), "payload_kg*q4", "kg rad"),
         (APPROACH * Named("move2", "rad"), "approach6*move2", "deg"),
     ],

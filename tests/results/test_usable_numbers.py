@@ -207,6 +207,8 @@ def test_a_curve_is_told_from_its_lowest_to_its_highest_point_where_it_was_measu
             Named("approach3"),
             {"difference between the two directions": (4e-3 * 180 / np.pi * 3600, "arcsec")},
         ),
+        # from half a rad ahead on the one side to the other
+        ("tx", Named("drag1_500", "rad"), {"difference between the two directions": (2e-3, "mm")}),
         (
             "tz",
             temperature_rise(23.0),
