@@ -47,6 +47,8 @@ def same(a: Measurements, b: Measurements, but: tuple[str, ...] = (), places: fl
         if name == "covariates":
             assert one.keys() == other.keys()
             one, other = (np.array([v[k] for k in sorted(v)]) for v in (one, other))
+        if isinstance(one, JointPath):
+            one, other = (np.array([path.opens, *path.steps.T]) for path in (one, other))
         if isinstance(one, np.ndarray):
             np.testing.assert_allclose(one, other, rtol=0, atol=places, err_msg=name)
         else:
@@ -162,12 +164,12 @@ def test_out_and_back(rng) -> None:
         "humidity",
     } <= set(out.columns)
     again = read_measurements(out, (False, True))
-        same(again, data, but=("notes", "path"), places=1e-15)
-        # its directions of approach are given, and need not be those from the row before
-        assert again.path is None
+    same(again, data, but=("notes", "path"), places=1e-15)
+    # its directions of approach are given, and need not be those from the row before
+    assert again.path is None
     at = drawn(small_arm(True), rng, 20).data
     same(
-        read_measurements(at.to_frame(), at.prismatic), at, but=("notes", "units")
+        read_measurements(at.to_frame(), at.prismatic), at, but=("notes", "units", "path")
     )  # drawn ones have no units as given
 
 
