@@ -75,7 +75,8 @@ def number_together(first: Names, second: Names) -> CommonNames:
     distinct = dict.fromkeys((*first, *second))
     names = tuple(distinct)
     count = len(second)
-    if len(first) == count == 1:
+    others = len(first)
+    if others == count == 1:
         names = first
     own = np.arange(count)
     places = match_names(own, second, names)

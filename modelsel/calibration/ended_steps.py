@@ -63,5 +63,6 @@ def _find_constant(term: Term) -> TermKey | None:
         if len(moments) != 1 or cause != step_after(*moments):
             return None
         constant: Cause = ONE if target is None else target
-        screws.append(replace(screw, cause=constant))
+        standing = replace(screw, cause=constant)
+        screws.append(standing)
     return tuple(screws)

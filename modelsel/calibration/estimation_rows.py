@@ -66,7 +66,8 @@ class EstimationRows:
     def text(self) -> str:
         """The codes as text."""
         stored = self.codes.astype(STORED_TYPE)
-        text = base64.b64encode(stored.tobytes())
+        content = stored.tobytes()
+        text = base64.b64encode(content)
         return text.decode()
 
     def count_among(self, position: Array) -> int:

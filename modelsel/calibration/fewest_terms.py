@@ -198,7 +198,8 @@ class _Search:
         whole = self._span(self.separate)
         gain, dims = _explain(whole, basis, residual)
         further = count - 1
-        return _score(gain, dims) - MIN_CHI2 * further
+        cost = MIN_CHI2 * further
+        return _score(gain, dims) - cost
 
     def _drop_superfluous(self) -> None:
         """Drop what the others that are chosen explain, too."""

@@ -73,7 +73,8 @@ def measure_own_noise(
     """Measure the noise [mm] of a coordinate that no change explains in residuals (m, 3) [mm]:
     (noise, degrees of freedom); None where too few are left."""
     basis = _span_changes(c, at, free)
-    left = project_out(residual.ravel(), basis)
+    flat = residual.ravel()
+    left = project_out(flat, basis)
     rank = basis.shape[1]
     freedom = len(left) - rank
     if freedom < MIN_FREEDOM:

@@ -118,8 +118,10 @@ class Candidate:
         """The frames that one number of an unregistered mechanism moves, each in its own way; empty of
         few."""
         first_term = self.mechanism.terms[0]
-        frames = sorted({screw.frame for screw in first_term.screws})
-        if self.registered or len(frames) < MANY_FRAMES:
+        screws = first_term.screws
+        frames = sorted({screw.frame for screw in screws})
+        count = len(frames)
+        if self.registered or count < MANY_FRAMES:
             return []
         return frames
 

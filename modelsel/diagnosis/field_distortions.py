@@ -54,8 +54,10 @@ def _is_in_front(problem: Problem) -> bool:
     if not problem.stands_apart:
         return False
     zenith = problem.state.value("beam_zenith")
-    aside = np.minimum(zenith, np.pi - zenith)
-    return bool(aside.max() < WIDEST)
+    nadir = np.pi - zenith
+    aside = np.minimum(zenith, nadir)
+    widest = aside.max()
+    return bool(widest < WIDEST)
 
 
 def _build_lens(robot: Robot) -> Mechanism:

@@ -153,8 +153,9 @@ def build_step_of(problem: Problem, targets: Collection[int], at: float) -> Mech
     moved = {place: names[place] for place in places}
     is_own = np.isin(data.target, places)
     own = data.take(is_own)
+    robot = problem.robot
     meetings = _list_meetings(data)
-    step = _build_target_step(moved, numbers, problem.robot, at)
+    step = _build_target_step(moved, numbers, robot, at)
     begins = _say_begin(meetings, at, own.progress, about=True)
     begins = begins or _say_row(own, at)
     if not begins:
@@ -165,7 +166,8 @@ def build_step_of(problem: Problem, targets: Collection[int], at: float) -> Mech
 def have_own_name(data: Measurements, targets: Collection[int]) -> bool:
     """Whether the names of some targets (0-based), joined, are no target's."""
     names = data.targets
-    own = [names[place] for place in sorted(targets)]
+    places = sorted(targets)
+    own = [names[place] for place in places]
     joined = JOINED.join(own)
     is_single = len(own) == 1
     is_new = joined not in names

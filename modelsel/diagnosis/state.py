@@ -184,9 +184,9 @@ class Search:
         size = np.abs(estimate)
         error = fitted.standard_errors[terms]
         most = self.columns.largest_terms(g)
-        if (size > most).any():
-            return True
-        return bool((error > most).any())
+        is_large = size > most
+        is_open = error > most
+        return bool(is_large.any() or is_open.any())
 
     def compute_displacement(self, g: int, view: View) -> Array:
         """Compute (N,) what an effect, as fitted, does to the target beyond the base; whitened."""

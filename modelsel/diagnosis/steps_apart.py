@@ -110,7 +110,8 @@ def _list_moments(diagnosis: Diagnosis, pair: _Pair) -> list[float]:
     for place in (pair.whole, pair.part):
         effect = diagnosis.effects[place]
         mechanism = effect.candidate.mechanism
-        moments |= list_step_moments(mechanism.terms)
+        own = list_step_moments(mechanism.terms)
+        moments |= own
     return sorted(moments)
 
 
@@ -209,7 +210,8 @@ def _estimate(effects: Sequence[Effect], fitted: Fit) -> list[Effect]:
         own = fitted.locate(mechanism)
         estimate = fitted.theta[own]
         error = fitted.standard_errors[own]
-        one = replace(effect, estimate=estimate, standard_error=error, number=number)
+        numbered = replace(effect, number=number)
+        one = replace(numbered, estimate=estimate, standard_error=error)
         estimated.append(one)
     return estimated
 

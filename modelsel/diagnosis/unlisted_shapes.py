@@ -188,10 +188,11 @@ def list_rivals(problem: Problem, candidate: Candidate, price: Price | None = No
     confounded = list(_list_confounded(problem, candidate, price.finding))
     if len(parts) > MAX_PARTS:
         return confounded
-    more = list(generate_more_drivers(problem, candidate.mechanism))
-    changing = list(generate_changing(problem, candidate.mechanism))
+    own = candidate.mechanism
+    more = list(generate_more_drivers(problem, own))
+    changing = list(generate_changing(problem, own))
     return [
-        *_list_alike(problem, candidate, max(price.finding, price.cell)),
+        *_list_alike(problem, candidate, max(price)),
         *_list_finer_waves(problem, candidate),
         *_list_finer_bumps(problem, candidate),
         *_list_finer_warm_ups(problem, candidate),

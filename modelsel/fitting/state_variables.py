@@ -205,10 +205,12 @@ def _lead(state: StateVariables, variable: StateVariable) -> Array:
     data = state.data
     joint = variable.joint
     assert joint is not None
-    if data.path is None or data.on_path is None:
+    path, on_path = data.path, data.on_path
+    if path is None or on_path is None:
         return np.zeros(len(data))
-    leads = data.path.lead(joint, variable.most)
-    return leads[data.on_path]
+    most = variable.most
+    leads = path.lead(joint, most)
+    return leads[on_path]
 
 
 def _rates(state: StateVariables) -> Values:

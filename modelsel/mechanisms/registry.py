@@ -18,7 +18,7 @@ from ..robot.files import as_robot
 from ..robot.gravity import find_bearing_joints
 from ..robot.kinematics import Robot
 from . import compliance, drives, environment, geometry, gravity_effects, instrument, motors
-from .target_names import add_targets, check_order, choose_targets, limit_steps, refuse_target
+from . import target_names as by_target
 from .terms import Mechanism, unstorable
 
 
@@ -227,24 +227,20 @@ def _build_of_targets(
     """Build a scanned entry's mechanisms of all targets together, then of each by itself; or those
     that a name says. A target's name goes before a constant, and the longer name before another."""
     _, _, given = name.partition(":")
-    numbers, constant = choose_targets(given, targets)
+    numbers, constant = by_target.choose_targets(given, targets)
     if numbers:
-        check_order(name, numbers, targets)
+        by_target.check_order(name, numbers, targets)
         steps = _build_scanned(name, None, constant or None, robot, entry)
-        return limit_steps(steps, numbers, targets, entry.numbers)
-    refused = refuse_target(name, given, targets)
+        return by_target.limit_steps(steps, numbers, targets, entry.numbers)
+    refused = by_target.refuse_target(name, given, targets)
     if given and refused is not None:
         raise refused
     try:
         together = _build_scanned(name, None, given or None, robot, entry)
     except StudyError as error:
-        raise add_targets(error, targets) from None
-    built = [*together]
-    several = len(targets) > 1
-    if several and not given:
-        for number in range(len(targets)):
-            built += limit_steps(together, [number], targets, entry.numbers)
-    return tuple(built)
+        raise by_target.add_targets(error, targets) from None
+    alone = () if given else by_target.limit_to_each(together, targets, entry.numbers)
+    return (*together, *alone)
 
 
 def _check_function(stem: str, entry: Any) -> None:

@@ -93,6 +93,18 @@ def limit_steps(
     return tuple(limit_to_targets(step, named, numbers) for step in steps)
 
 
+def limit_to_each(
+    steps: Sequence[Mechanism], targets: Sequence[str], numbers: Sequence[int]
+) -> tuple[Mechanism, ...]:
+    """Limit steps of the targets to every one of several by itself; none of one alone."""
+    alone: list[Mechanism] = []
+    count = len(targets)
+    if count > 1:
+        for place in range(count):
+            alone += limit_steps(steps, [place], targets, numbers)
+    return tuple(alone)
+
+
 def refuse_target(name: str, given: str, targets: Sequence[str]) -> StudyError | None:
     """Return the error of a mechanism of a target that there is not; None where a number is given,
     which may be a constant."""

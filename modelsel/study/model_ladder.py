@@ -72,8 +72,9 @@ def build_model(
     )
     chosen = build_own_mechanisms(study, problem)
     chosen.update(constants or {})
+    robot = problem.robot
     mechanisms = [placement] if placement.terms else []
-    mechanisms += [chosen.get(name) or mechanism(name, problem.robot, registry) for name in names]
+    mechanisms += [chosen.get(name) or mechanism(name, robot, registry) for name in names]
     require_causes(problem, mechanisms)
     return Model(tuple(mechanisms))
 

@@ -56,12 +56,15 @@ def _compare_distances(data: Measurements, estimation: NDArray[np.bool_]) -> flo
 def _measure_nearest(q: Array, rows: Index, others: Index, progress: Array, apart: float) -> float:
     """Measure the median distance from rows, of many some, to the nearest of other rows that are at least
     so far `apart` in the campaign."""
-    from scipy.spatial.distance import cdist
-
     step = -(-len(rows) // MOST_ASKED)
     some = rows[::step]
-    distance = cdist(q[some], q[others])
+    square = np.zeros((len(some), len(others)))
+    for readings in q.T:
+        difference = np.subtract.outer(readings[some], readings[others])
+        square += difference**2
     between = np.subtract.outer(progress[some], progress[others])
-    distance[np.abs(between) < apart] = np.inf
-    nearest = distance.min(axis=1)
-    return float(np.median(nearest))
+    is_near = np.abs(between) < apart
+    square[is_near] = np.inf
+    nearest = square.min(axis=1)
+    distance = np.sqrt(nearest)
+    return float(np.median(distance))

@@ -256,7 +256,8 @@ def _constant(
         return None
     low, high = bounds
     variants = []
-    for value in np.linspace(low, high, GRID).tolist():
+    grid = np.linspace(low, high, GRID)
+    for value in grid.tolist():
         variant = build(value)
         variants.append(variant)
     tables = _tabulate(problem, mechanism, variants, place)

@@ -45,7 +45,8 @@ def find_room(
     for box in boxes:
         cost = _weigh_direction(box, place, away)
         cost += _weigh_cover(box, drawn, written)
-        cost += _weigh_line(box, place, drawn.frames, written)
+        frames = drawn.frames
+        cost += _weigh_line(box, place, frames, written)
         costs.append(cost)
     best = int(np.argmin(costs))
     return boxes[best]
