@@ -28,13 +28,13 @@ PROGRAMS = {
     re.compile(
         r"\s*(%%%.*?%%%\s*)?MODULE[ \t]+\w+[ \t]*(\([^)\n]*\))?[ \t]*\n", re.DOTALL
     ): "a RAPID program",
-    re.compile(r"\s*(&\w+[^\n]*\s+)*DEF(DAT)?\s+\w+"): "a KRL program",
+    re.compile(r"\s*(&\w+[^\n]*\n\s*)*DEF(DAT)?\s+\w+"): "a KRL program",
     re.compile(
-        r"\s*(;[^\n]*\s+)*(DECL\s+)?(GLOBAL\s+)?((E6)?(AXIS|POS)\s+)?\w+\s*=\s*\{[^}\n]*\b(A1|X)[ \t]",
+        r"\s*(;[^\n]*\n\s*)*(DECL\s+)?(GLOBAL\s+)?((E6)?(AXIS|POS)\s+)?\w+\s*=\s*\{[^}\n]*\b(A1|X)[ \t]",
         re.IGNORECASE,
     ): "a list of KRL positions",
     re.compile(
-        r"\s*(![^\n]*\s+)*((LOCAL|TASK)\s+)?(CONST|PERS|VAR)\s+(jointtarget|robtarget)\s",
+        r"\s*(![^\n]*\n\s*)*((LOCAL|TASK)\s+)?(CONST|PERS|VAR)\s+(jointtarget|robtarget)\s",
         re.IGNORECASE,
     ): "a list of RAPID targets",
     re.compile(r"\s*/PROG\s"): "a TP program of Fanuc",

@@ -123,10 +123,13 @@ def _describe_unknown_path(c: Calibration, data: Measurements) -> list[str]:
     if not joints or data.path is not None:
         return []
     named = sentence_list([str(joint) for joint in joints])
-    sentence = (
-        f"joint{'s' * (len(joints) > 1)} {named}: with directions of approach given, the way that the joint came is not "
-        "known; the middle of its hysteresis is taken."
+    several = len(joints) > 1
+    what = (
+        "joints came is not known; the middle of their"
+        if several
+        else "joint came is not known; the middle of its"
     )
+    sentence = f"joint{'s' * several} {named}: with directions of approach given, the way that the {what} hysteresis is taken."
     return [sentence]
 
 

@@ -25,7 +25,7 @@ from ..mechanisms.environment import PROGRESS, step_after
 from ..mechanisms.motors import joint_axis
 from ..mechanisms.terms import Mechanism, Screw, Term
 from .candidate_kinds import CandidateKind
-from .covariate_jumps import MOST_STEPS, find_stretch, list_moments, measure_jumps
+from .covariate_jumps import MOST_STEPS, find_stretch, list_moments, measure_jumps, say_moments
 from .driver_functions import IN_TIME
 from .unregistered import WARM_UP_SHARES, build_warm_ups, choose_clock
 from .warm_ups import WARM_UPS
@@ -75,7 +75,7 @@ def generate_confounded(problem: Problem, found: Mechanism) -> Iterator[Confound
     if moments:
         steps = [step_after(moment) for moment, _ in moments]
         stepping = _put(found, name, steps)
-        when = moments[0][1] if len(moments) == 1 else "in every session"
+        when = say_moments(problem.data, moments)
         yield Confounded([_tell_steps(problem, stepping, when)])
     stretch = find_stretch(problem.data, name)
     if stretch is not None and len(moments) != 1:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from ..exceptions import write_percent
+from ..exceptions import sentence_list, write_percent
 from ..measurements.measurements import Measurements
 from ..mechanisms.causes import Cause
 from ..mechanisms.environment import step_after
@@ -35,6 +35,14 @@ def list_moments(data: Measurements, name: str) -> list[tuple[float, str]]:
     return moments
 
 
+def say_moments(data: Measurements, moments: Sequence[tuple[float, str]]) -> str:
+    """Say from when on something is another one, at moments that were listed."""
+    words = [text for _, text in moments]
+    if len(words) > 1 and list_changes(data):
+        return "in every session"
+    return sentence_list(words)
+
+
 def _list_jumps(data: Measurements, name: str) -> Iterator[tuple[float, str]]:
     """List the moments where a covariate jumps, in words, too."""
     for moment, _ in measure_jumps(data, name):
@@ -46,6 +54,8 @@ def measure_jumps(data: Measurements, name: str) -> Iterator[tuple[float, float]
     order = np.argsort(data.progress, kind="stable")
     progress = data.progress[order]
     values = data.covariates[name][order]
+    if not len(values):
+        return
     least = JUMP * np.ptp(values)
     size = np.diff(values)
     for k in np.flatnonzero(np.abs(size) > least):

@@ -108,7 +108,7 @@ def is_own_hysteresis(problem: Problem, place: Place, names: Collection[str]) ->
     """Return whether what depends on some names at a place is one joint's motion with how it moved, or
     with its own reading, too."""
     joint, axis = place
-    if joint > problem.robot.n or axis != joint_axis(problem.robot, joint):
+    if not names or joint > problem.robot.n or axis != joint_axis(problem.robot, joint):
         return False
     variables = [parse_state_name(name) for name in names]
     own = {one.kind for one in variables if one is not None and one.joint == joint}

@@ -127,7 +127,8 @@ def _build_company(
         shapes = [(wave, kind) for wave in dict.fromkeys(waves)]
     elif all(map(is_seen_wrongly, mechanisms)):
         fields = generate_distortions(problem, mechanisms[0])
-        shapes = [(field, CandidateKind.DISTORTION) for field in fields]
+        others = [field for field in fields if field not in mechanisms]
+        shapes = [(field, CandidateKind.DISTORTION) for field in others]
     else:
         shapes = _list_shapes(problem, mechanisms, place, drivers)
     if not shapes:
@@ -256,7 +257,8 @@ def _is_alike(drivers: Drivers, others: Drivers) -> bool:
     """Return whether drivers are the same, or both only say where the target is."""
     if drivers == others:
         return True
-    return all(is_where_target_is(name) for name in drivers | others)
+    both = drivers | others
+    return bool(drivers and others) and all(map(is_where_target_is, both))
 
 
 def _list_finer_waves(problem: Problem, candidate: Candidate) -> Iterator[Rival]:

@@ -4,11 +4,15 @@ remembers."""
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array
+
+# numbers that are kept
+KEPT_NUMBERS = 2_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,11 +29,25 @@ class JointPath:
         """Return how far a joint (from 1) is ahead of what it drags along (v,), at most `width` to
         either side: the stop operator of its motion, 0 at a group's first visit."""
         key = joint, width
-        if key not in self._leads:
+        lead = self._leads.get(key)
+        if lead is None:
             steps = self.steps[:, joint - 1].tolist()
             opens = self.opens.tolist()
-            self._leads[key] = _stop(steps, opens, width)
-        return self._leads[key]
+            lead = _stop(steps, opens, width)
+            self._keep(key, lead)
+        return lead
+
+    def _keep(self, key: tuple[int, float], lead: Array) -> None:
+        """Keep what was computed, and forget the oldest where that is much."""
+        known = self._leads
+        most = KEPT_NUMBERS // max(len(lead), 1)
+        for oldest in list(known)[: max(len(known) - most, 0)]:
+            del known[oldest]
+        known[key] = lead
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Another process computes its own."""
+        return {**self.__dict__, "_leads": {}}
 
 
 def _stop(steps: list[float], opens: list[bool], width: float) -> Array:

@@ -344,7 +344,7 @@ def build_measurements(
         reference_celsius=choose_reference(covariates),
         coupling=coupling,
         rate=derive_rates(readings_of(coupling, q), group_index, motion.visit, time),
-        path=motion.path if given is None else None,
+        path=motion.find_path(given),
         on_path=motion.on_path,
     )
     return data if kinds is None else _add_kinds(data, kinds)

@@ -59,6 +59,16 @@ class Motion:
     path: JointPath
     on_path: Index
 
+    def find_path(self, given: Array | None) -> JointPath | None:
+        """Return the path; None where directions of approach are given (m, n) that are not those of the
+        order of motion: the arm may have gone past its goals on purpose."""
+        if given is None:
+            return self.path
+        is_known = (given != 0) & (self.approach != 0)
+        is_same = given == self.approach
+        follows = is_known.any() and is_same[is_known].all()
+        return self.path if follows else None
+
 
 def trace_motion(
     rows: MeasuredRows,

@@ -134,7 +134,7 @@ def choose_moments(
         return known
     rest = [name for name in names if name not in steps]
     others = build_model(study, problem, registry, rest, known)
-    chosen = choose_step_moments(problem.as_stated(), split.estimation, others, steps)
+    chosen = choose_step_moments(problem.as_stated(), split.used, others, steps)
     return known | chosen
 
 

@@ -14,6 +14,10 @@ from ..notices import Note
 FEWEST_ESTIMATION, FEWEST_HELD_OUT = 20, 5
 # configurations whose nearest others are sought
 MOST_ASKED = 300
+# share of its largest reading by which a joint that rests varies
+RESTS = 1e-9
+# numbers that are compared at a time
+COMPARED = 3_000_000
 # share of the campaign around a configuration whose configurations may be of the same path
 SAME_PATH = 0.1
 # of the distance to other paths, below which held-out configurations are near
@@ -30,8 +34,8 @@ def note_near_rows(data: Measurements, estimation: NDArray[np.bool_]) -> list[No
     sentence = (
         "Held-out configurations lie between estimation configurations of the same paths, at "
         f"{written} of the distance (median) at which other paths pass. Their error says what the model is worth "
-        "on these paths, and may be too good for others: name the path of every row in a column, "
-        "and hold out whole paths with [split] column."
+        "on these paths, and may be too good for others: say in a column which rows estimate, by whole paths, "
+        "and name it in split.column."
     )
     return [Note("held-out-near", sentence)]
 
@@ -44,8 +48,9 @@ def _compare_distances(data: Measurements, estimation: NDArray[np.bool_]) -> flo
     held = first[~estimation[first]]
     if len(fits) < FEWEST_ESTIMATION or len(held) < FEWEST_HELD_OUT:
         return None
-    scale = np.maximum(data.q[fits].std(axis=0), np.finfo(float).tiny)
-    scaled = data.q / scale
+    spread = data.q[fits].std(axis=0)
+    moves = spread > RESTS * np.abs(data.q).max(axis=0)
+    scaled = data.q[:, moves] / spread[moves]
     beside = _measure_nearest(scaled, held, fits, data.progress, 0.0)
     apart = _measure_nearest(scaled, held, fits, data.progress, SAME_PATH)
     if not np.isfinite(apart) or not apart:
@@ -58,13 +63,23 @@ def _measure_nearest(q: Array, rows: Index, others: Index, progress: Array, apar
     so far `apart` in the campaign."""
     step = -(-len(rows) // MOST_ASKED)
     some = rows[::step]
-    square = np.zeros((len(some), len(others)))
+    together = max(COMPARED // len(others), 1)
+    nearest = [
+        _find_nearest(q, some[start : start + together], others, progress, apart)
+        for start in range(0, len(some), together)
+    ]
+    return float(np.median(np.concatenate(nearest)))
+
+
+def _find_nearest(q: Array, rows: Index, others: Index, progress: Array, apart: float) -> Array:
+    """Compute the distance (k,) of every row to the nearest of the others that are far apart."""
+    shape = len(rows), len(others)
+    square = np.zeros(shape)
     for readings in q.T:
-        difference = np.subtract.outer(readings[some], readings[others])
+        difference = np.subtract.outer(readings[rows], readings[others])
         square += difference**2
-    between = np.subtract.outer(progress[some], progress[others])
+    between = np.subtract.outer(progress[rows], progress[others])
     is_near = np.abs(between) < apart
     square[is_near] = np.inf
     nearest = square.min(axis=1)
-    distance = np.sqrt(nearest)
-    return float(np.median(distance))
+    return np.asarray(np.sqrt(nearest))

@@ -72,7 +72,7 @@ def test_it_comes_back_and_tells_another_day(made: Calibration) -> None:
     np.testing.assert_array_equal(found, predict(made, made.problem(later)))
     assert np.abs(found - later.position).max() < 0.02
     # only the way that the joint came tells them apart
-    given = measure(np.random.default_rng(6), 80, approach=later.approach)
+    given = measure(np.random.default_rng(6), 80, approach=-later.approach)
     without = predict(stored, stored.problem(given))
     assert np.abs(without - later.position).max() > 0.1
 
@@ -113,7 +113,7 @@ def test_notes_say_what_it_is_taken_from(made: Calibration) -> None:
         "them in this order."
     )
     assert not [one for one in describe_extrapolation(made, later) if "hysteresis" in one]
-    given = measure(np.random.default_rng(6), 20, approach=later.approach)
+    given = measure(np.random.default_rng(6), 20, approach=-later.approach)
     assert describe_order_dependence(made, given) == []
     (said,) = [one for one in describe_extrapolation(made, given) if "hysteresis" in one]
     assert said == (

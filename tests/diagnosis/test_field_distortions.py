@@ -97,12 +97,16 @@ def test_distortions_stand_against_errors_of_an_instrument_alone(rng: np.random.
     assert names <= alike
     (together,) = list_company(at, {3: zenith, 4: axes})
     assert {shape.label for shape in together.shapes} == names
+    # none of its members is a shape that stands against a company
+    field = Candidate(together.shapes[-1].mechanism, CandidateKind.DISTORTION, 0.1)
+    (beside,) = list_company(at, {3: axes, 4: field})
+    assert {shape.label for shape in beside.shapes} == names - {field.label}
     for name in ("base-tilt", "encoder-scale:2", "geometric"):
         assert list(generate_distortions(at, mechanism(name, at.robot))) == []
     # a tracker beside the arm has no lens that sees all of it
-    beside = replace(at, placement=(at.placement[0], np.array([[900.0, 0.0, 0.0]])))
-    aside = {one.name for one in generate_distortions(beside, zenith.mechanism)}
-    assert aside == names - {RADIAL}
+    aside = replace(at, placement=(at.placement[0], np.array([[900.0, 0.0, 0.0]])))
+    seen_aside = {one.name for one in generate_distortions(aside, zenith.mechanism)}
+    assert seen_aside == names - {RADIAL}
 
 
 @pytest.mark.slow

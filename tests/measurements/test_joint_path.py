@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Sequence
 
 import numpy as np
@@ -119,6 +120,27 @@ def test_given_directions_leave_the_path_unknown(rng: np.random.Generator) -> No
     at = measure(q, approach=np.ones((40, 6)))
     assert at.data.path is None
     assert not at.value("drag3_180").any()
+
+
+@seeds(1)
+def test_given_directions_of_the_order_leave_the_path_known(rng: np.random.Generator) -> None:
+    q = np.cumsum(rng.normal(0, 0.3, (40, 6)), 0)
+    plain = measure(q)
+    again = measure(q, approach=plain.data.approach)
+    np.testing.assert_array_equal(again.value("drag3_180"), plain.value("drag3_180"))
+    assert again.value("drag3_180").any()
+
+
+@seeds(1)
+def test_leads_do_not_travel(rng: np.random.Generator) -> None:
+    at = measure(np.cumsum(rng.normal(0, 0.3, (40, 6)), 0))
+    path = at.data.path
+    assert path is not None
+    before = len(pickle.dumps(path))
+    lead = path.lead(3, 0.18)
+    assert len(pickle.dumps(path)) == before
+    again = pickle.loads(pickle.dumps(path))  # noqa: S301  our own
+    np.testing.assert_array_equal(again.lead(3, 0.18), lead)
 
 
 @seeds(1)

@@ -50,6 +50,15 @@ def test_a_grid_is_no_path(rng: np.random.Generator) -> None:
     assert say(q, rng.random(len(q)) < 0.6) == []
 
 
+@pytest.mark.filterwarnings("error")
+@seeds(1)
+def test_joints_that_rest_have_no_say(rng: np.random.Generator) -> None:
+    q = draw_paths(rng, 8, 30)
+    resting = np.hstack([q, np.full((len(q), 1), 500.0)])
+    estimation = rng.random(len(q)) < 0.7
+    assert say(resting, estimation) == say(q, estimation) != []
+
+
 def test_few_rows_say_nothing() -> None:
     q = draw_paths(np.random.default_rng(5), 2, 12)
     assert say(q, np.arange(24) < 21) == []

@@ -11,6 +11,7 @@ import numpy as np
 from ..._typing import Array
 from ...exceptions import write_rounded
 from ...fitting.problem import Problem
+from ...mechanisms.instrument import MISREADINGS
 from ..constant_part import Part, compute_points, sample_workspace
 from ..prediction import compute_pose
 
@@ -72,7 +73,7 @@ def describe_left_out(parts: Sequence[Part]) -> tuple[str, ...]:
     for name, places in out.items():
         listed = ", ".join(places)
         sentence = f"{name} ({listed})"
-        if " " in name:
+        if " " in name and name not in MISREADINGS:
             driven = " & ".join(causes[name])
             sentence = f"{listed} · {driven}"
         sentences.append(sentence)
