@@ -141,6 +141,18 @@ def generate_other_widths(problem: Problem, found: Mechanism) -> Iterator[Mechan
             yield build_drag(problem, joint, width, follows)
 
 
+def generate_drags_together(
+    problem: Problem, joint: int, found: Sequence[Mechanism]
+) -> Iterator[Mechanism]:
+    """Generate hysteresis that stands in the place of several findings of a joint: of widths that are
+    looked for, and of those between the widths that were found."""
+    yield from generate_drags(problem, joint)
+    for one in found:
+        kinds = [state_kind(name) for name in one.names()]
+        if kinds.count(StateKind.DRAG) == 1:
+            yield from generate_other_widths(problem, one)
+
+
 def _read_form(found: Mechanism) -> frozenset[StateKind | None]:
     """Read off the kinds of what something depends on: the same whatever the width."""
     return frozenset(state_kind(name) for name in found.names())

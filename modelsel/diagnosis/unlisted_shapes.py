@@ -36,8 +36,8 @@ from .free_functions import (
 )
 from .joint_bumps import generate_bumps, generate_finer_bumps
 from .joint_drags import (
-    generate_drags,
     generate_drags_instead,
+    generate_drags_together,
     generate_other_widths,
     is_own_hysteresis,
 )
@@ -162,7 +162,7 @@ def _list_shapes(
     free += [one for one in changing if one.names() == drivers]
     waves = generate_waves_of(problem, place, drivers)
     is_own = is_own_hysteresis(problem, place, drivers)
-    drags = generate_drags(problem, place[0]) if is_own else ()
+    drags = dict.fromkeys(generate_drags_together(problem, place[0], mechanisms) if is_own else ())
     shapes = [(m, CandidateKind.SHAPE) for m in free]
     shapes += [(m, CandidateKind.POWER) for m in powers if m not in mechanisms]
     shapes += [(m, CandidateKind.HYSTERESIS) for m in drags if m not in mechanisms]
