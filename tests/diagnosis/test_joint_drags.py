@@ -215,11 +215,13 @@ def test_friction_and_what_is_dragged_are_found_as_hysteresis(
     base = Model((mechanism("geometric", at.robot),))
     found = search_separated(bent, base, build_candidates(bent, base, every(at.robot)))
     assert not [name for name in found.errors.names if name.startswith("joint")], found.path
-    (effect,) = found.effects
-    assert effect.candidate.kind is KIND, found.path
-    (name,) = effect.candidate.mechanism.names()
-    stem, _, told = name.partition("_")
-    assert stem == f"drag{joint}"
-    assert int(told) / 1000 == pytest.approx(half, rel=0.15)
+    # a loud one whose way lies between two that have a name may be told as both
+    assert 1 <= len(found.effects) <= 2, found.path
+    for effect in found.effects:
+        assert effect.candidate.kind is KIND, found.path
+        (name,) = effect.candidate.mechanism.names()
+        stem, _, told = name.partition("_")
+        assert stem == f"drag{joint}"
+        assert int(told) / 1000 == pytest.approx(half, rel=0.15)
     left = measured(bent, position)
     assert np.sqrt(np.square(found.fit.residuals(left)).mean()) < 1.15 * SIGMA
