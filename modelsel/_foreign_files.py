@@ -174,7 +174,8 @@ def _describe_suffix(beginning: str, suffix: str) -> tuple[str, str] | None:
     if suffix not in FOREIGN:
         return None
     what = f"this is {FOREIGN[suffix]}, in a format of its own, which is not read."
-    return what, f"{ROWS[suffix]}."
+    remedy = f"{ROWS[suffix]}."
+    return what, remedy
 
 
 def describe_foreign_robot(path: Path) -> str | None:

@@ -98,7 +98,8 @@ def _describe_other_targets(names: tuple[Names, Names]) -> str:
         part = f"only the {campaign} campaign measured {listed}"
         parts.append(part)
     said = " and ".join(parts)
-    first = said[0].upper()
+    letter = said[0]
+    first = letter.upper()
     count = sum(len(own) for own in names)
     they_sit = "it sits" if count == 1 else "they sit"
     return f"{first}{said[1:]}: where {they_sit} on the flange cannot be compared."

@@ -186,18 +186,20 @@ def _take_back(concluded: Conclusion) -> Conclusion:
     """Put a set of effects in the place of the chosen ones, if it is clearly more probable."""
     for _ in range(MAX_TAKEN_BACK):
         explored, now = concluded.explored, concluded.chosen
-        better = concluded.visited.find_better(now, MIN_LOG_ODDS)
+        visited = concluded.visited
+        better = visited.find_better(now, MIN_LOG_ODDS)
         if better is None:
             break
-        before = _join_others(explored.search, now, better)
-        after = _join_others(explored.search, better, now)
+        search = explored.search
+        before = _join_others(search, now, better)
+        after = _join_others(search, better, now)
         path = [*explored.progress.path, f"{before} -> {after}"]
         start = concluded.view.fitted
         # what stays keeps its order
         kept = [g for g in now if g in better]
         new = [g for g in better if g not in kept]
         chosen = [*kept, *new]
-        further = explore_further(explored.search, chosen, start, path)
+        further = explore_further(search, chosen, start, path)
         if further is None:
             break
         concluded = conclude(further)

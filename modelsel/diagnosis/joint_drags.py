@@ -148,8 +148,10 @@ def generate_drags_together(
     looked for, and of those between the widths that were found."""
     yield from generate_drags(problem, joint)
     for one in found:
-        kinds = [state_kind(name) for name in one.names()]
-        if kinds.count(StateKind.DRAG) == 1:
+        names = one.names()
+        kinds = [state_kind(name) for name in names]
+        widths = kinds.count(StateKind.DRAG)
+        if widths == 1:
             yield from generate_other_widths(problem, one)
 
 

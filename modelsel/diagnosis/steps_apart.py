@@ -211,8 +211,8 @@ def _estimate(effects: Sequence[Effect], fitted: Fit) -> list[Effect]:
         estimate = fitted.theta[own]
         error = fitted.standard_errors[own]
         numbered = replace(effect, number=number)
-        one = replace(numbered, estimate=estimate, standard_error=error)
-        estimated.append(one)
+        refitted = replace(numbered, estimate=estimate, standard_error=error)
+        estimated.append(refitted)
     return estimated
 
 

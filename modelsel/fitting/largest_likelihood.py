@@ -189,7 +189,9 @@ class _Ascent:
             if gain <= tolerance:
                 return True
             before = self.at.log
-            after = self._look(np.clip(self.x + step, low, high))
+            further = self.x + step
+            bounded = np.clip(further, low, high)
+            after = self._look(bounded)
             if not after.log > before:
                 return gain <= ROUNDING * abs(before)
         return False

@@ -31,7 +31,8 @@ class JointPath:
         key = joint, width
         lead = self._leads.get(key)
         if lead is None:
-            steps = self.steps[:, joint - 1].tolist()
+            own = self.steps[:, joint - 1]
+            steps = own.tolist()
             opens = self.opens.tolist()
             lead = _stop(steps, opens, width)
             self._keep(key, lead)

@@ -64,9 +64,13 @@ class Motion:
         order of motion: the arm may have gone past its goals on purpose."""
         if given is None:
             return self.path
-        is_known = (given != 0) & (self.approach != 0)
-        is_same = given == self.approach
-        follows = is_known.any() and is_same[is_known].all()
+        own = self.approach
+        is_given = given != 0
+        is_derived = own != 0
+        is_known = is_given & is_derived
+        is_same = given == own
+        agrees = is_same[is_known]
+        follows = agrees.size and agrees.all()
         return self.path if follows else None
 
 

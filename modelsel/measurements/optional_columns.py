@@ -165,7 +165,8 @@ def _find_time(table: Table, names: Sequence[ColumnName]) -> list[ColumnName]:
     found += _find_converted(table, names, TIME_WORDS, SECONDS)
     clocks = []
     for name in found:
-        values = convert_to_numbers(table.columns[name.given])
+        cells = table.columns[name.given]
+        values = convert_to_numbers(cells)
         steps = np.diff(values)
         if (steps >= 0).all():
             clocks.append(name)

@@ -47,7 +47,8 @@ def note_rounding(
     readings = problem.data.configurations
     left = _Left(left_mm, fitted.freedom / fitted.rows, readings)
     kept = {joint: mm for joint, mm in moved.items() if left.allows(mm)}
-    together = float(np.linalg.norm(list(kept.values())))
+    sizes = list(kept.values())
+    together = float(np.linalg.norm(sizes))
     noise_mm = max(floor_mm, left.noise_mm)
     if together < MATTERS * noise_mm or not left.allows(together):
         return ()

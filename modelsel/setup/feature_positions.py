@@ -159,7 +159,8 @@ def _solve_anchor(feature: Feature, x: Array, reading: Array, known: float, is_o
     if is_open and np.ptp(reading) > 0:
         columns.append(2 * reading)
     design = np.column_stack(columns)
-    squared_distance = np.square(near).sum(1)
+    squares = np.square(near)
+    squared_distance = squares.sum(1)
     squared_length = np.square(full)
     difference = squared_distance - squared_length
     solution, *_ = np.linalg.lstsq(design, difference, rcond=None)

@@ -178,11 +178,13 @@ def measure_motions(split: Split, fitted: Fit) -> ParameterMotions:
         rotations = columns[:, 3:]
         angle = np.linalg.norm(rotations, axis=1)
         turn = angle * amount
-        turned = np.maximum(turned, turn.max(1))
+        block_turned = turn.max(1)
+        turned = np.maximum(turned, block_turned)
     mean = total / rows
     if problem.components == 3:
         return ParameterMotions(mean, largest, None)
-    return ParameterMotions(mean, largest, turned / MILLIRADIAN)
+    turned_mrad = turned / MILLIRADIAN
+    return ParameterMotions(mean, largest, turned_mrad)
 
 
 def add_posterior(
