@@ -53,24 +53,36 @@ class Confounded(NamedTuple):
 
 
 def generate_confounded(problem: Problem, found: Mechanism) -> Iterator[Confounded]:
-    """Generate a finding's terms with what else changed in the place of its covariate, by sorts: steps
-    between sessions; a stretch that the covariate tells from the rest; time and warming up; the covariate's
-    own course in time; in the place of time a covariate's course, alone and with its square. None where it has no covariate, or one that went its
-    own way. Courses that are fitted to the covariate are named in words: their formulas are long."""
+    """Generate a finding's terms with what else changed in the place of its covariate, by sorts; in the
+    place of time a covariate's course. None where it has no covariate, or one that went its own way.
+    Courses that are fitted to the covariate are named in words: their formulas are long."""
     name = find_confounded(problem, found)
     if name is None:
         return
     found = _straighten(problem, found, name)
     if len(found.terms) > MOST_TERMS:
         return
-    if name not in found.names():
-        apart = _count_from_middle(problem, name)
-        square = apart * apart
-        words = _name_course(name)
-        linear = _put_in_time(found, [apart], words)
-        bent = _put_in_time(found, [apart, square], f"{words} and its square")
-        yield Confounded([linear, bent], CandidateKind.COURSE, name)
-        return
+    if name in found.names():
+        yield from _generate_meanwhile(problem, found, name)
+    else:
+        yield _build_courses(problem, found, name)
+
+
+def _build_courses(problem: Problem, found: Mechanism, name: str) -> Confounded:
+    """Build a finding's terms with a covariate's course, alone and with its square, in the place of
+    time."""
+    apart = _count_from_middle(problem, name)
+    square = apart * apart
+    words = _name_course(name)
+    linear = _put_in_time(found, [apart], words)
+    bent = _put_in_time(found, [apart, square], f"{words} and its square")
+    return Confounded([linear, bent], CandidateKind.COURSE, name)
+
+
+def _generate_meanwhile(problem: Problem, found: Mechanism, name: str) -> Iterator[Confounded]:
+    """Generate a finding's terms with what changed meanwhile in the place of its covariate: steps between
+    sessions; a stretch that the covariate tells from the rest; time and warming up; the covariate's own
+    course in time."""
     moments = list_moments(problem.data, name)
     if moments:
         steps = [step_after(moment) for moment, _ in moments]

@@ -1,4 +1,4 @@
-"""Distortions of what an instrument measures, by a polynomial of where the target is.
+"""Distortions of what an instrument measures, smooth in where the target is.
 
 A camera's lens, or the calibration of several cameras, errs smoothly over the volume that is measured,
 and not as the angles and distances of a laser tracker do. Such a field stands against an error of the

@@ -31,7 +31,9 @@ def generate_joined_warm_ups(
     for g in chosen:
         mechanism = search.candidates[g].mechanism
         places = list(mechanism.names_by_place())
-        is_in_time = mechanism.names() <= IN_TIME and not search.candidates[g].asked
+        names = mechanism.names()
+        # a constant is no function of time
+        is_in_time = names and names <= IN_TIME and not search.candidates[g].asked
         if is_in_time and len(places) == 1:
             by_place.setdefault(places[0], []).append(g)
     for place, members in by_place.items():

@@ -726,25 +726,25 @@ def test_uncertainties_are_mapped_where_their_unit_is_said(unit) -> None:
     assert f"are ignored: {quoted}. Map one standard deviation in mm" in ran.stdout
 
 
-def test_quaternions_that_are_used_are_said() -> None:
+def write_quaternions(columns: list[str]) -> None:
+    """Write poses into m.csv, x, y, z and w of their quaternions under some names."""
     from scipy.spatial.transform import Rotation
 
     frame = poses("ZYX")
     turned = Rotation.from_euler("ZYX", frame[["1", "2", "3"]].to_numpy(), degrees=True)
-    frame[["qx", "qy", "qz", "qw"]] = turned.as_quat()
+    frame[columns] = turned.as_quat()
     frame.drop(columns=["1", "2", "3"]).to_csv("m.csv", index=False)
+
+
+def test_quaternions_that_are_used_are_said() -> None:
+    write_quaternions(["qx", "qy", "qz", "qw"])
     ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
     assert "The orientation: qw qx qy qz, unit quaternions" in ran.stdout
 
 
 def test_quaternions_in_another_order_are_told() -> None:
     """As `study` tells it; the columns qw qx qy qz hold x, y, z, w."""
-    from scipy.spatial.transform import Rotation
-
-    frame = poses("ZYX")
-    turned = Rotation.from_euler("ZYX", frame[["1", "2", "3"]].to_numpy(), degrees=True)
-    frame[["qw", "qx", "qy", "qz"]] = turned.as_quat()
-    frame.drop(columns=["1", "2", "3"]).to_csv("m.csv", index=False)
+    write_quaternions(["qw", "qx", "qy", "qz"])
     ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
     assert "(qw qx qy qz hold x, y, z, w): rename these columns to qx qy qz qw." in ran.stdout
 

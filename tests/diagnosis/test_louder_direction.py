@@ -5,11 +5,10 @@ from __future__ import annotations
 
 import numpy as np
 from builders import OFF_AXIS, bind, seeds, small_arm
+from searches import diagnose_rows
 
-from modelsel.diagnosis.procedure import diagnose_split
-from modelsel.fitting.design import Model
+from modelsel.diagnosis.outcome import Diagnosis
 from modelsel.measurements.measurements import build_measurements
-from modelsel.mechanisms.registry import every, mechanism
 from modelsel.robot.kinematics import forward
 from modelsel.selection.evaluation import Split
 
@@ -25,13 +24,8 @@ def measure(rng: np.random.Generator, rows: int = 120) -> tuple[np.ndarray, np.n
     return q, position + rng.normal(0, (0.015, 0.015, 0.12), position.shape)
 
 
-def name(q: np.ndarray, position: np.ndarray) -> tuple[Split, object]:
-    at = bind(ARM, build_measurements(q, position))
-    rows = len(q)
-    split = Split(at, np.ones(rows, bool), np.zeros(rows, bool), np.zeros(rows, np.intp), False)
-    base = Model((mechanism("geometric", ARM),))
-    split, diagnosis, _ = diagnose_split(split, base, every(ARM), 1, cells=True)
-    return split, diagnosis
+def name(q: np.ndarray, position: np.ndarray) -> tuple[Split, Diagnosis]:
+    return diagnose_rows(bind(ARM, build_measurements(q, position)))
 
 
 @seeds(1, 2, 3)

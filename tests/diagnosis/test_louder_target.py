@@ -5,13 +5,11 @@ from __future__ import annotations
 
 import numpy as np
 from builders import OFF_AXIS, seeds, small_arm
+from searches import diagnose_rows
 
 from modelsel.diagnosis.outcome import Diagnosis
-from modelsel.diagnosis.procedure import diagnose_split
-from modelsel.fitting.design import Model
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
-from modelsel.mechanisms.registry import every, mechanism
 from modelsel.robot.kinematics import forward
 from modelsel.selection.evaluation import Split
 
@@ -36,11 +34,7 @@ def name(q: np.ndarray, position: np.ndarray) -> tuple[Split, Diagnosis]:
     target = np.tile([1, 2, 3], VISITS).tolist()
     flat = position.reshape(rows, 3)
     data = build_measurements(q[visit], flat, target=target, configuration=visit)
-    at = Problem(ARM, data, TOOLS)
-    split = Split(at, np.ones(rows, bool), np.zeros(rows, bool), np.zeros(rows, np.intp), False)
-    base = Model((mechanism("geometric", ARM),))
-    split, diagnosis, _ = diagnose_split(split, base, every(ARM), 1, cells=True)
-    return split, diagnosis
+    return diagnose_rows(Problem(ARM, data, TOOLS))
 
 
 @seeds(1, 2, 3)

@@ -10,8 +10,8 @@ import pytest
 from builders import OFF_AXIS, bind, study_of
 
 from modelsel.fitting.design import Model
-from modelsel.fitting.error_structure import find_structure
-from modelsel.fitting.least_squares import fit
+from modelsel.fitting.error_structure import ErrorStructure, find_structure
+from modelsel.fitting.least_squares import Fit, fit
 from modelsel.fitting.noise import Floor
 from modelsel.fitting.possible_parts import list_parts
 from modelsel.fitting.problem import Problem
@@ -40,6 +40,19 @@ def test_where_joints_were_looked_at_their_repeatability_is_not_suspected(rng, s
     assert ("a mean of many readings" in note.sentence) == sought
 
 
+def hold_in_stated(at: Problem, floor: Floor, part: str) -> tuple[Fit, ErrorStructure]:
+    """Find one part of the errors, and that what is stated holds it; the fit, and the errors."""
+    every = np.ones(len(at), bool)
+    fitted = fit(at, Model((mechanism("geometric", ARM),)))
+    errors = find_structure(at, every, fitted, list_parts(at, every))
+    assert errors.names == (part,)
+    split = study_of(errors.whiten(at))
+    assert check_stated_noise(split, floor, fitted, True)[2] == ()
+    found = measure_lack_of_fit(SimpleNamespace(fit=fitted), floor, split)
+    assert found.p > 1e-4
+    return fitted, errors
+
+
 def test_what_the_instrument_has_in_one_direction_is_in_its_stated_uncertainty(rng) -> None:
     """Stated per coordinate, as the mean of a quiet x and y and a loud z, it is right."""
     size = np.array([0.01, 0.01, float(rng.uniform(0.06, 0.1))])
@@ -47,15 +60,7 @@ def test_what_the_instrument_has_in_one_direction_is_in_its_stated_uncertainty(r
     position = forward(ARM, q, np.array(OFF_AXIS)) + rng.normal(0, size, (90, 3))
     stated = float(np.sqrt(np.mean(size**2)))
     at = replace(bind(ARM, build_measurements(q, position)), whitening=Whitening(1 / stated))
-    every = np.ones(90, bool)
-    fitted = fit(at, Model((mechanism("geometric", ARM),)))
-    errors = find_structure(at, every, fitted, list_parts(at, every))
-    assert errors.names == ("instrument z",)
-    split = study_of(errors.whiten(at))
-    floor = Floor(stated, "stated")
-    assert check_stated_noise(split, floor, fitted, True)[2] == ()
-    found = measure_lack_of_fit(SimpleNamespace(fit=fitted), floor, split)
-    assert found.p > 1e-4
+    fitted, errors = hold_in_stated(at, Floor(stated, "stated"), "instrument z")
     # stated as a fifth of that it is too small
     smaller = replace(at, whitening=Whitening(5 / stated))
     narrow = study_of(errors.whiten(smaller))
@@ -77,14 +82,7 @@ def test_what_the_instrument_has_at_one_target_is_in_its_stated_uncertainty(rng)
     data = build_measurements(q, position, target=target.tolist(), configuration=visit)
     stated = float(np.sqrt(np.mean(size**2)))
     at = replace(Problem(ARM, data, tools), whitening=Whitening(1 / stated))
-    every = np.ones(150, bool)
-    fitted = fit(at, Model((mechanism("geometric", ARM),)))
-    errors = find_structure(at, every, fitted, list_parts(at, every))
-    assert errors.names == ("instrument target 2",)
-    split = study_of(errors.whiten(at))
     floor = Floor(stated, "stated")
-    assert check_stated_noise(split, floor, fitted, True)[2] == ()
-    found = measure_lack_of_fit(SimpleNamespace(fit=fitted), floor, split)
-    assert found.p > 1e-4
+    _, errors = hold_in_stated(at, floor, "instrument target 2")
     # the floor holds all that the instrument has
     assert measure_unrepeated(errors, floor) == 0

@@ -9,6 +9,7 @@ from modelsel.diagnosis.candidates import Candidate
 from modelsel.diagnosis.conclusion import conclude, prove
 from modelsel.diagnosis.options import DEFAULT_OPTIONS
 from modelsel.diagnosis.outcome import Diagnosis
+from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.diagnosis.separation import Inquiry, separate
 from modelsel.diagnosis.state import Search
 from modelsel.diagnosis.stepwise import explore
@@ -16,6 +17,7 @@ from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.possible_parts import list_parts
 from modelsel.fitting.problem import Problem
+from modelsel.mechanisms.registry import every, mechanism
 from modelsel.selection.evaluation import Split
 
 
@@ -32,6 +34,15 @@ def search_separated(
     inquiry = Inquiry(base, (), seed, True, ignore, DEFAULT_OPTIONS)
     _, diagnosis = separate(split, inquiry, found, list_parts(at, rows), fit(at, base))
     return diagnosis
+
+
+def diagnose_rows(at: Problem) -> tuple[Split, Diagnosis]:
+    """Name effects beside an arm's geometry in all rows, outliers among them found, as a study does."""
+    rows = np.ones(len(at), bool)
+    split = Split(at, rows, ~rows, np.zeros(len(at), np.intp), known_sigma=False)
+    base = Model((mechanism("geometric", at.robot),))
+    split, diagnosis, _ = diagnose_split(split, base, every(at.robot), 1, cells=True)
+    return split, diagnosis
 
 
 def search_independent(
