@@ -202,7 +202,11 @@ def _take_back(concluded: Conclusion) -> Conclusion:
         further = explore_further(search, chosen, start, path)
         if further is None:
             break
-        concluded = conclude(further)
+        after_search = conclude(further)
+        # a search that leads back to where it came from would go round once more
+        if after_search.mechanisms == concluded.mechanisms:
+            break
+        concluded = after_search
     return concluded
 
 

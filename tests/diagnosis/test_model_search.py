@@ -394,6 +394,29 @@ def test_a_shape_that_leads_back_is_not_offered_again(
 
 
 @pytest.mark.slow
+def test_a_set_that_leads_back_is_put_in_its_place_once(
+    monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
+) -> None:
+    """The search from there finds what stood before: it would go round once more."""
+    concluded = conclude(explore_scale(rng))
+    search = concluded.explored.search
+    place = {one.mechanism.name: g for g, one in enumerate(search.candidates)}
+    other, own = place["encoder-scale:2"], place["encoder-scale:3"]
+    likelier = VisitedModels(((other,), (own,)), np.array([5.0, 0.0]))
+    monkeypatch.setattr(conclusion, "visit_models", lambda *given: likelier)
+    starts: list[list[int]] = []
+
+    def note(search: Search, chosen: list[int], *given: Any) -> Exploration | None:
+        starts.append(chosen)
+        return explore_further(search, chosen, *given)
+
+    monkeypatch.setattr(conclusion, "explore_further", note)
+    taken = conclusion._take_back(concluded)
+    assert starts == [[other]]
+    assert taken.chosen == [own]
+
+
+@pytest.mark.slow
 def test_shapes_that_the_data_do_not_determine_change_nothing(
     monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
 ) -> None:
