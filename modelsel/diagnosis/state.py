@@ -23,7 +23,14 @@ from .acting_screws import keep_acting_screws
 from .candidate_columns import Columns, build_columns, flatten_measured
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate, find_cell_prior
-from .credible_sets import CredibleSet, ask, compute_own_evidence, include_candidate, rename_effect
+from .credible_sets import (
+    CredibleSet,
+    Question,
+    ask,
+    compute_own_evidence,
+    include_candidate,
+    rename_effect,
+)
 from .evidence import MIN_LOG_ODDS, Chance, compute_familywise_p, draw_null
 from .joint_curves import collect_curves, find_better_curve, see_rest
 from .kept_causes import KeptCauses
@@ -194,18 +201,17 @@ class Search:
         moved = view.A.move(np.flatnonzero(own), view.fitted.theta[own])
         return np.asarray(moved - Q @ (Q.T @ moved))
 
-    def name_strongest(
-        self, view: View, known: Sequence[int], tried: Sequence[int] = ()
-    ) -> CredibleSet:
-        """Name what explains most of the residual.
+    def name_strongest(self, view: View, known: Sequence[int]) -> CredibleSet:
+        """Name what explains most of the residual, beside candidates that are `known`."""
+        return self.ask_rest(view).answer(self.set_aside(known))
 
-        `known` candidates have had their turn (what the fit drops of them is no cause); so have those
-        that were `tried` in vain, which rule out no other."""
-        question = ask(view.scan, self.candidates, self.log_prior, view.response)
-        set_aside = np.append(self._exclude(known), np.array(tried, dtype=np.intp))
-        return question.answer(set_aside)
+    def ask_rest(self, view: View) -> Question:
+        """Ask what explains the residual of a model."""
+        return ask(view.scan, self.candidates, self.log_prior, view.response)
 
-    def _exclude(self, known: Sequence[int]) -> Index:
+    def set_aside(self, known: Sequence[int]) -> Index:
+        """Set aside what explains nothing beside `known` candidates: these have had their turn, what
+        the fit drops of them is no cause."""
         taken = np.array(known, dtype=np.intp)
         bumps = self._list_bumps(self.bumped[taken])
         return np.concatenate([self.dead, taken, bumps])
@@ -221,7 +227,7 @@ class Search:
         Signs are drawn for whole postures, and for whole groups where their rows go together; the
         largest of these p-values is returned."""
         log_prior = self.log_prior.copy()
-        excluded = self._exclude(known)
+        excluded = self.set_aside(known)
         log_prior[excluded] = -np.inf
         p = []
         for unit in self.expand_partitions(view):

@@ -17,7 +17,7 @@ from .._progress import News, keep_silent
 from .._typing import Say
 from ..fitting.least_squares import Fit
 from .candidates import Candidate
-from .credible_sets import CredibleSet
+from .credible_sets import CredibleSet, Question, compute_own_evidence
 from .evidence import compute_p_value
 from .renaming import settle_names
 from .state import LEVEL, Search
@@ -130,11 +130,12 @@ def _find_next(search: Search, progress: SearchProgress) -> tuple[Remainder, int
     """Find the candidate to add next; None where chance, under either null, explains the rest."""
     view = progress.view
     chosen = progress.chosen
-    strongest = search.name_strongest(view, chosen)
+    question = search.ask_rest(view)
+    strongest = question.answer(search.set_aside(chosen))
     evidence = strongest.evidence
     p = compute_p_value(evidence, search.null)
     remainder = Remainder(strongest, p)
-    new = _find_untried(search, strongest, progress)
+    new = _find_untried(search, question, strongest, progress)
     if new is None:
         return remainder, None
     p_by_signs = search.compute_sign_p(view, chosen, evidence)
@@ -144,17 +145,25 @@ def _find_next(search: Search, progress: SearchProgress) -> tuple[Remainder, int
     return remainder, new
 
 
-def _find_untried(search: Search, strongest: CredibleSet, progress: SearchProgress) -> int | None:
-    """Find the most probable explanation beyond chance whose addition gives a new model."""
-    in_vain: list[int] = []
+def _find_untried(
+    search: Search, question: Question, strongest: CredibleSet, progress: SearchProgress
+) -> int | None:
+    """Find the most probable explanation beyond chance whose addition gives a new model.
+
+    Many weak ones may be beyond chance together: the one that is added must be so by itself, with
+    others of the same effect, or it would be dropped again."""
+    aside = search.set_aside(progress.chosen)
     for _ in range(MAX_TRIED):
         if compute_p_value(strongest.evidence, search.null) > LEVEL:
             break
-        trial = search.add(progress.chosen, strongest.top)
-        if frozenset(trial) not in progress.tried:
-            return strongest.top
-        in_vain.append(strongest.top)
-        strongest = search.name_strongest(progress.view, progress.chosen, in_vain)
+        top = strongest.top
+        trial = search.add(progress.chosen, top)
+        own = compute_own_evidence(question, strongest, top)
+        is_new = frozenset(trial) not in progress.tried
+        if is_new and compute_p_value(own, search.null) <= LEVEL:
+            return top
+        aside = np.append(aside, top)
+        strongest = question.answer(aside)
     return None
 
 
