@@ -186,14 +186,12 @@ def _take_back(concluded: Conclusion) -> Conclusion:
     """Put a set of effects in the place of the chosen ones, if it is clearly more probable."""
     for _ in range(MAX_TAKEN_BACK):
         explored, now = concluded.explored, concluded.chosen
-        visited = concluded.visited
-        better = visited.find_better(now, MIN_LOG_ODDS)
+        better = concluded.visited.find_better(now, MIN_LOG_ODDS)
         if better is None:
             break
         search = explored.search
-        before = _join_others(search, now, better)
-        after = _join_others(search, better, now)
-        path = [*explored.progress.path, f"{before} -> {after}"]
+        words = f"{_join_others(search, now, better)} -> {_join_others(search, better, now)}"
+        path = [*explored.progress.path, words]
         start = concluded.view.fitted
         # what stays keeps its order
         kept = [g for g in now if g in better]
@@ -202,11 +200,9 @@ def _take_back(concluded: Conclusion) -> Conclusion:
         further = explore_further(search, chosen, start, path)
         if further is None:
             break
-        after_search = conclude(further)
-        # a search that leads back to where it came from would go round once more
-        if after_search.mechanisms == concluded.mechanisms:
+        before, concluded = concluded, conclude(further)
+        if concluded.mechanisms == before.mechanisms:  # it led back
             break
-        concluded = after_search
     return concluded
 
 
