@@ -3,10 +3,12 @@ their formulas tell what is wrong with them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 from ..config.study_file import Study
 from ..exceptions import StudyError
+from ..measurements.measurements import Measurements
+from ..measurements.state_names import StateKind, parse_state_name
 from ..mechanisms.cause_formulas import parse
 from ..mechanisms.causes import Member
 from ..robot.kinematics import Robot
@@ -82,3 +84,41 @@ def list_cause_problems(
         except StudyError as error:
             problems += error.problems
     return problems
+
+
+def list_motion_problems(
+    study: Study, units: Mapping[str, str], members: Mapping[str, Member], data: Measurements
+) -> list[str]:
+    """List the names in the effects' causes that tell of a motion of which the measurements say
+    nothing, and whose effect would be nothing."""
+    problems: list[str] = []
+    for number, effect in enumerate(study.simulate.effect, 1):
+        place = name_effect(number)
+        try:
+            cause = parse(effect.cause, units, place, members)
+        except StudyError:
+            # told with the formulas
+            continue
+        names = sorted(cause.names())
+        for name in names:
+            problems += _tell_unknown_motion(place, name, data)
+    return problems
+
+
+def _tell_unknown_motion(place: str, name: str, data: Measurements) -> Iterator[str]:
+    """Tell that a name's values follow from a motion that is not known."""
+    variable = parse_state_name(name)
+    if variable is None or name in data.covariates:
+        return
+    joint = variable.joint
+    if variable.kind is StateKind.DRAG and data.path is None:
+        yield (
+            f'{place}: "{name}" is not known: the approach columns are not those of the order of the '
+            f"rows, so nobody knows which way joint {joint} went. Leave these columns out if the arm "
+            "goes straight from row to row."
+        )
+    if variable.kind is StateKind.RATE and data.rate is None:
+        yield (
+            f'{place}: "{name}" is not known: without a column time_s nobody knows how fast joint '
+            f"{joint} moves. Give measurements that have it."
+        )

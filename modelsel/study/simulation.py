@@ -32,7 +32,7 @@ from .found_problems import name_study_file
 from .inputs import read_known_features, read_nominal_robot
 from .noise_parts import check_parts
 from .own_causes import describe_columns
-from .planted_effects import list_frame_problems, tell_cause_problems
+from .planted_effects import list_frame_problems, list_motion_problems, tell_cause_problems
 from .preparation import arrange_tools
 from .unrepeated import NOTHING, Unrepeated, check_planted_rows, draw_unrepeated
 from .whole_study import open_study
@@ -163,6 +163,7 @@ def _parse_effects(
     members = list_members(len(targets), len(data.groups))
     problems = list_frame_problems(study, robot)
     problems += tell_cause_problems(study, units, members, columns)
+    problems += list_motion_problems(study, units, members, data)
     if problems:
         raise StudyError(*problems)
     effects = []
