@@ -1,7 +1,7 @@
 """The arm without the errors of the instrument that measured it.
 
 A calibration says what an instrument sees, its own errors among that. Where the hand really goes, which
-commands and tables correct, is what it says without these."""
+commands correct and files for other programs describe, is what it says without these."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ import numpy as np
 
 from .._typing import Index
 from ..exceptions import sentence_list
+from ..fitting.design import Model
 from ..mechanisms.instrument import MISREADINGS
+from ..mechanisms.terms import TermKey
 
 if TYPE_CHECKING:
     from .calibration import Calibration
@@ -32,7 +34,7 @@ def leave_out_instrument(c: Calibration) -> Calibration:
 
 def describe_left_out_instrument(c: Calibration) -> list[str]:
     """Describe which errors of the instrument commands do not correct."""
-    names = _list_names(c)
+    names = list_instrument_names(c)
     if not names:
         return []
     listed = sentence_list(names)
@@ -42,13 +44,23 @@ def describe_left_out_instrument(c: Calibration) -> list[str]:
     return [f"{listed} {what} of the instrument, not of the arm: {rest} not corrected."]
 
 
-def _list_names(c: Calibration) -> list[str]:
+def list_instrument_names(c: Calibration) -> list[str]:
+    """List the names of the errors of the instrument that a calibration has."""
     return [one.name for one in c.model.mechanisms if one.stem in MISREADINGS]
 
 
 def _find_places(c: Calibration) -> Index:
     """Find the places in theta of the terms that errors of the instrument alone have."""
-    of_arm = {
-        term.key for one in c.model.mechanisms if one.stem not in MISREADINGS for term in one.terms
-    }
-    return np.array([k for k, term in enumerate(c.terms) if term.key not in of_arm], dtype=np.intp)
+    of_instrument = list_misreadings(c.model)
+    places = [k for k, term in enumerate(c.terms) if term.key in of_instrument]
+    return np.array(places, dtype=np.intp)
+
+
+def list_misreadings(model: Model) -> set[TermKey]:
+    """List the keys of the terms of a model that errors of the instrument alone have."""
+    of_instrument = set[TermKey]()
+    of_arm = set[TermKey]()
+    for one in model.mechanisms:
+        side = of_instrument if one.stem in MISREADINGS else of_arm
+        side.update(term.key for term in one.terms)
+    return of_instrument - of_arm

@@ -129,11 +129,13 @@ class RefitRecord(RefitErrorsRecord):
 
 
 class RefitsRecord(StrictRecord):
-    """Refits for export forms that cannot carry the whole model."""
+    """Refits for export forms that cannot carry the whole model; `corrected`: errors of the instrument
+    were taken off the measurements first."""
 
     says: Text = ""
     whole: RefitErrorsRecord
     mean_celsius: Number | None = Field(alias="temperature_C")
+    corrected: bool = False
     alone: dict[Text, RefitRecord]
 
 

@@ -20,6 +20,7 @@ from ..mechanisms.causes import ARITHMETIC, ONE, Applied, Cause, Combined, Membe
 from ..mechanisms.terms import Screw, Term
 from ..robot.kinematics import Robot
 from ..robot.rigid import rotation_matrix, transform
+from .arm_alone import list_misreadings
 from .prediction import compute_pose
 from .refitting import part_of, select_carried
 
@@ -50,18 +51,21 @@ class ConstantChain:
 
 
 def resolve_form(c: Calibration, form: str) -> str:
-    """Return "whole" where a form ("geometry", "table", "whole") carries all terms, else the
-    form."""
+    """Return "whole" where a form ("geometry", "table", "whole") carries all terms of the arm, else
+    the form."""
     carries = select_carried(c.model, form)
-    if all(map(carries, c.terms)):
+    of_arm = filter(select_carried(c.model, "whole"), c.terms)
+    if all(map(carries, of_arm)):
         return "whole"
     return form
 
 
 def restrict_to_form(c: Calibration, form: str) -> Calibration:
     """Return the calibration of what a form ("geometry", "table", "whole") carries: as refitted
-    without the rest, or, where there is no refit, as estimated with it."""
-    if resolve_form(c, form) == "whole":
+    without the rest, or, where there is no refit, as estimated with it. None carries errors of the
+    instrument."""
+    form = resolve_form(c, form)
+    if form == "whole" and not list_misreadings(c.model):
         return c
     refits = c.refits
     if refits is not None and form in refits.alone:
@@ -75,9 +79,10 @@ def restrict_to_form(c: Calibration, form: str) -> Calibration:
 
 
 def list_left_out(c: Calibration, form: str) -> list[Part]:
-    """List what a form cannot carry, for the first target and group."""
+    """List what a form cannot carry of the arm, for the first target and group."""
     carries = select_carried(c.model, form)
-    places = [k for k, term in enumerate(c.terms) if not carries(term)]
+    of_arm = select_carried(c.model, "whole")
+    places = [k for k, term in enumerate(c.terms) if of_arm(term) and not carries(term)]
     constant, varying = split_parts(select_terms(c, places, c.theta[places]))
     return constant + varying
 

@@ -3,11 +3,14 @@ to the same rows without it.
 
 A geometry fitted beside other effects is the geometry of an arm without them, which nobody has:
 alone it may be worse than the drawing. A refit that does not predict better than something simpler,
-by cross-validation, gives way to it."""
+by cross-validation, gives way to it. What the instrument measures wrongly is no effect of the arm: no
+form carries it, and it is taken off the measurements before anything is fitted to them. Nor is it an
+effect of the arm that instrument and base moved against each other: a form that has no place for that
+has the arm beside which it was fitted."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,12 +18,14 @@ import numpy as np
 
 from .._typing import Array
 from ..exceptions import NotEstimable
-from ..fitting.design import Model
+from ..fitting.design import Model, residuals
 from ..fitting.least_squares import Fit
 from ..measurements.reference_temperature import TEMPERATURE
+from ..mechanisms.environment import INSTRUMENT_MOVES
 from ..mechanisms.geometry import SETUP
-from ..mechanisms.terms import Term
+from ..mechanisms.terms import Term, TermKey
 from ..selection.evaluation import Evaluation, Split, evaluate, summarise_errors
+from .arm_alone import list_misreadings
 from .calibration_schema import RefitRecord, RefitsRecord
 from .known_names import LABEL_NAMES
 
@@ -49,11 +54,13 @@ class Refits:
     """`alone`: the refit of "nominal" (the set-up alone), of "geometry" (what is constant) and of
     "table" (what hangs on two values at most as well); one is missing where it is the whole model,
     or the data do not determine it. `whole`: rms lengths left by the whole model, as in Refit.
-    `mean_celsius` of the rows that fit, where the model looks at it."""
+    `mean_celsius` of the rows that fit, where the model looks at it; `corrected`: whether errors of the
+    instrument were taken off the measurements first."""
 
     alone: Mapping[str, Refit]
     whole: tuple[float | None, float | None]
     mean_celsius: float | None
+    corrected: bool = False
 
     def nominal(self, form: str) -> bool:
         """Whether the best robot that a form can carry is the nominal one."""
@@ -103,7 +110,9 @@ def is_tabled(term: Term) -> bool:
 
 
 def select_carried(model: Model, form: str) -> Callable[[Term], bool]:
-    """Select what a form carries: whether "nominal", "geometry", "table" or "whole" has a term."""
+    """Select what a form carries: whether "nominal", "geometry", "table" or "whole" has a term; none
+    has an error of the instrument."""
+    of_instrument = list_misreadings(model)
     setting = set[Hashable]()
     for mechanism in model.mechanisms:
         if mechanism.name == SETUP:
@@ -114,7 +123,8 @@ def select_carried(model: Model, form: str) -> Callable[[Term], bool]:
         "table": is_tabled,
         "whole": lambda term: True,
     }
-    return rules[form]
+    rule = rules[form]
+    return lambda term: rule(term) and term.key not in of_instrument
 
 
 def part_of(model: Model, keep: Callable[[Term], bool]) -> Model:
@@ -133,34 +143,35 @@ def refit_forms(split: Split, fitted: Fit, known: Sequence[Evaluation] = ()) -> 
     `known` are not fitted again."""
     of_arm = [term for term in fitted.terms if not term.fixture]
     place = {term.key: k for k, term in enumerate(of_arm)}
-    own = dict[frozenset[Hashable], Evaluation]()
+    left = fitted.residuals(split.problem)
+    corrected = bool(list_misreadings(fitted.model))
+    if corrected:
+        known = ()
+        split = correct_measurements(split, fitted)
+    arm = part_of(fitted.model, select_carried(fitted.model, "whole"))
+    own = dict[frozenset[TermKey], Evaluation]()
     for evaluation in known:
         keys = frozenset(term.key for term in evaluation.fit.terms)
         own[keys] = evaluation
+    moves = _list_moves(fitted.model)
     best: Evaluation | None = None
     alone = dict[str, Refit]()
     for form in NESTED_FORMS:
         carries = select_carried(fitted.model, form)
-        model = part_of(fitted.model, carries)
-        is_whole = len(model.terms) == len(fitted.terms)
+        carried = part_of(fitted.model, carries)
+        is_whole = len(carried.terms) == len(arm.terms)
         if is_whole and form != "nominal":
             break
-        keys = frozenset(term.key for term in model.terms)
+        own_keys = {term.key for term in carried.terms}
+        keys = frozenset(own_keys | moves)
+        model = _part_with(fitted.model, keys)
         try:
             made = own.get(keys) or evaluate(split, model, model.names, start=fitted)
         except NotEstimable:
             continue
         if best is None or _cross_validation_error(made) <= _cross_validation_error(best):
             best = made
-        terms = best.fit.terms
-        some = [k for k, term in enumerate(terms) if not term.fixture]
-        carried = [place[terms[k].key] for k in some]
-        order = np.argsort(carried)
-        theta = best.fit.theta[some]
-        alone[form] = Refit(
-            tuple(sorted(carried)), theta[order], best.estimation.rms_mm, best.held_out.rms_mm
-        )
-    left = fitted.residuals(split.problem)
+        alone[form] = _select_refit(best, own_keys, place)
     side = split.estimation
     outlying = split.outlying
     estimation = summarise_errors(left[side], outlying[side])
@@ -171,7 +182,56 @@ def refit_forms(split: Split, fitted: Fit, known: Sequence[Evaluation] = ()) -> 
         warm = split.problem.data.covariates.get(TEMPERATURE)
         if warm is not None:
             mean_celsius = float(warm[split.used].mean())
-    return Refits(alone, whole, mean_celsius)
+    return Refits(alone, whole, mean_celsius, corrected)
+
+
+def _part_with(model: Model, keys: Collection[Hashable]) -> Model:
+    """Return a model of the terms with some keys, in the same order."""
+    return part_of(model, lambda term: term.key in keys)
+
+
+def _list_moves(model: Model) -> set[TermKey]:
+    """List the keys of the terms by which the instrument and the base move against each other."""
+    return {
+        term.key
+        for mechanism in model.mechanisms
+        if mechanism.name in INSTRUMENT_MOVES
+        for term in mechanism.terms
+    }
+
+
+def _select_refit(
+    made: Evaluation, carried: Collection[TermKey], place: Mapping[TermKey, int]
+) -> Refit:
+    """Select the terms of an evaluated model that a form carries; `place` has theirs in the
+    calibration."""
+    estimates = {}
+    for term, value in zip(made.fit.terms, made.fit.theta.tolist(), strict=True):
+        if term.key in carried and not term.fixture:
+            estimates[place[term.key]] = value
+    places = sorted(estimates)
+    theta = np.array([estimates[k] for k in places])
+    return Refit(tuple(places), theta, made.estimation.rms_mm, made.held_out.rms_mm)
+
+
+def correct_measurements(split: Split, fitted: Fit) -> Split:
+    """Take what the instrument measured wrongly, as a model has it, off the measurements."""
+    problem = split.problem.unweighted()
+    arm = select_carried(fitted.model, "whole")
+    theta = [
+        value if arm(term) else 0.0 for term, value in zip(fitted.terms, fitted.theta, strict=True)
+    ]
+    without = residuals(problem, fitted.terms, np.array(theta))
+    shift = without[:, :3] - residuals(problem, fitted.terms, fitted.theta)[:, :3]
+    data = problem.data
+    gauges = data.gauges
+    if gauges is not None:
+        is_length = gauges.of("wire", "ball-bar", "distance")
+        length = np.where(is_length, gauges.length - shift[:, 0], gauges.length)
+        gauges = replace(gauges, length=length)
+        shift[is_length] = 0.0
+    corrected = replace(data, position=data.position - shift, gauges=gauges)
+    return replace(split, problem=replace(split.problem, data=corrected))
 
 
 def _cross_validation_error(made: Evaluation) -> float:
@@ -193,6 +253,7 @@ def refits_record(refits: Refits, symbols: Sequence[str]) -> dict[str, Any]:
         "says": "terms that a form can carry, fitted without the others; rms lengths of what is left",
         "whole": {"estimation_rms_mm": refits.whole[0], "held_out_rms_mm": refits.whole[1]},
         "temperature_C": refits.mean_celsius,
+        **({"corrected": True} if refits.corrected else {}),
         "alone": {
             form: {
                 "estimates": [
@@ -207,14 +268,17 @@ def refits_record(refits: Refits, symbols: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def refits_of(record: RefitsRecord, model: Model) -> Refits:
-    """Return the refits of a record. Raises ValueError where they are not of the model's terms."""
+def refits_of(record: RefitsRecord, model: Model) -> Refits | None:
+    """Return the refits of a record; None where an earlier version fitted them to what an instrument
+    measured wrongly. Raises ValueError where they are not of the model's terms."""
+    if list_misreadings(model) and not record.corrected:
+        return None
     alone = {}
     for form, stored in record.alone.items():
         alone[form] = _restore_refit(form, stored, model)
     whole = record.whole
     errors = (whole.estimation_rms_mm, whole.held_out_rms_mm)
-    return Refits(alone, errors, record.mean_celsius)
+    return Refits(alone, errors, record.mean_celsius, record.corrected)
 
 
 def _restore_refit(form: str, record: RefitRecord, model: Model) -> Refit:

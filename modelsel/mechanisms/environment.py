@@ -24,6 +24,8 @@ STEP = {"t": (1e-3, 20.0), "r": (1e-6, 2e-2)}
 STEPS = tuple(
     round(0.005 * k, 3) for k in range(1, 200)
 )  # naming keeps those that differ on the data
+# names of mechanisms by which the instrument and the base move against each other
+INSTRUMENT_MOVES = ("tracker-drift", "tracker-step", "fault:tracker-bumped")
 
 
 def _along(robot: Robot, vector: Array, frame: int, cause: Cause) -> tuple[Screw, ...]:

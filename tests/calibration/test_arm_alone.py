@@ -1,4 +1,4 @@
-"""What an instrument measures wrongly goes neither into commands nor into a table of corrections."""
+"""What an instrument measures wrongly goes neither into commands nor into a file for another program."""
 
 from __future__ import annotations
 

@@ -17,6 +17,7 @@ from click.testing import CliRunner
 from dh_steps import screw_x, screw_z
 from wide_calibration import wide
 
+from modelsel.calibration.arm_alone import leave_out_instrument
 from modelsel.calibration.calibration import calibrate
 from modelsel.calibration.calibration_file import calibration_text
 from modelsel.calibration.constant_part import (
@@ -63,12 +64,14 @@ def test_round_trip(form, made) -> None:
     said = " ".join(found.left_out)
     if form in ("urdf", "dh", "mdh", "hayati"):
         assert all(
-            name in said
-            for name in ("joint-compliance:2", "approach-backlash:3", "free(q3)", "refraction")
+            name in said for name in ("joint-compliance:2", "approach-backlash:3", "free(q3)")
         )
         assert found.left_out_mm[1] >= found.left_out_mm[0] > 0.01
     else:
         assert not said
+    # no form carries an error of the instrument, and every form says so
+    assert "refraction" not in said
+    assert any(note.startswith("refraction is an error of the instrument") for note in found.notes)
 
 
 def test_a_file_of_the_whole_model_names_its_group(made) -> None:
@@ -222,6 +225,7 @@ def test_nearly_parallel_axes_are_said() -> None:
 
 def test_python_stands_alone(made, tmp_path) -> None:
     """In a process of its own, where modelsel cannot be imported."""
+    made = leave_out_instrument(made)
     at = sample_workspace(made, 1, m=7)
     (tmp_path / "arm.py").write_text(export(made, "python").text)
     np.savez(
@@ -259,8 +263,6 @@ def test_python_knows_every_derived_cause(rng) -> None:
             "link-bending:2",
             "joint-compliance:2",
             "tool-droop",
-            "tracker-scale",
-            "refraction",
             "settle:2",
             "backlash:2",
         )
@@ -268,7 +270,10 @@ def test_python_knows_every_derived_cause(rng) -> None:
         causes = [Applied(function, turned) for function in FUNCTIONS]
         own = build_cell((1, "tz"), (1e-3 * Named("reach_mm", "mm"), *causes))
         sized = replace(own, terms=tuple(replace(t, size=(0.01, 0.2)) for t in own.terms))
-        model = Model((*(mechanism(n, robot) for n in names), sized))
+        seen = (mechanism(n, robot) for n in ("tracker-scale", "refraction"))
+        # by another name they are of the arm
+        of_arm = [replace(one, name=f"own {one.name}") for one in seen]
+        model = Model((*(mechanism(n, robot) for n in names), *of_arm, sized))
         at = replace(drawn(robot, rng, 60), whitening=Whitening(50.0))
         theta = np.array([t.size[0] + 0.1 * (t.size[1] - t.size[0]) for t in model.terms])
         at = planted(at, model.terms, theta, rng, 0.02)
@@ -291,7 +296,9 @@ def test_python_knows_the_beam(rng) -> None:
     anywhere."""
     robot = load_robot("ur5")
     names = ("tracker-azimuth", "tracker-zenith", "tracker-range", "reflector-incidence")
-    model = Model(tuple(mechanism(n, robot) for n in names))
+    seen = (mechanism(n, robot) for n in names)
+    # by another name they are of the arm
+    model = Model(tuple(replace(one, name=f"own {one.name}") for one in seen))
     at = replace(drawn(robot, rng, 60), tracker=(2500.0, -900.0, 400.0))
     theta = np.array([t.size[1] / 10 for t in model.terms])
     at = planted(at, model.terms, theta, rng, 0.02)

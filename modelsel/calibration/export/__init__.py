@@ -62,8 +62,8 @@ def export_grid(c: Calibration, options: GridOptions) -> Exported:
 def export(c: Calibration, form: str) -> Exported:
     """Export a calibration in one of `EXPORT_FORMS`.
 
-    A form that cannot carry all of it gets the best robot that it can carry, refitted. Raises
-    StudyError for another form, or where a name cannot be written.
+    A form that cannot carry all of it gets the best robot that it can carry, refitted; errors of the
+    instrument are in none. Raises StudyError for another form, or where a name cannot be written.
     """
     check_type("form", form, str, f"one of {', '.join(FORMS)}")
     if form not in FORMS:
@@ -82,7 +82,8 @@ def export(c: Calibration, form: str) -> Exported:
         return write(c, ())
     made = write(restricted, notes)
     targets = range(len(c.targets) if geometry else 1)
-    differences = [_measure_left_out(c, restricted, target) for target in targets]
+    whole = restrict_to_form(c, "whole")
+    differences = [_measure_left_out(whole, restricted, target) for target in targets]
     parts = list_left_out(c, carried)
     difference = np.concatenate(differences)
     errors = None

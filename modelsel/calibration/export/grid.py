@@ -15,7 +15,7 @@ from ..._typing import Array
 from ...exceptions import one_line, sentence_list, write_rounded
 from ...fitting.problem import Problem
 from ...robot.kinematics import forward
-from ..arm_alone import describe_left_out_instrument, leave_out_instrument
+from ..arm_alone import leave_out_instrument
 from ..constant_part import bind_configurations, rms_and_max, sample_workspace
 from ..prediction import compute_pose
 from .form import Exported
@@ -30,7 +30,7 @@ from .grid_options import (
     list_held,
 )
 from .lookup import interpolate
-from .notes import describe_coupling
+from .notes import describe_coupling, describe_instrument
 
 if TYPE_CHECKING:
     from ..calibration import Calibration
@@ -49,7 +49,7 @@ BLOCK = 5000  # configurations that are computed at once
 def to_grid(c: Calibration, options: GridOptions | None = None) -> Exported:
     """Tabulate the real minus the nominal position of the first target, in frame 0, over a grid of
     joint readings. Raises StudyError for joints or values that the calibration does not have."""
-    left_out = describe_left_out_instrument(c)
+    left_out = describe_instrument(c)
     c = leave_out_instrument(c)
     options = options or GridOptions(default_joints(c))
     check_joints(c, options.joints)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from ...exceptions import sentence_list, write_rounded
 from ...measurements.reference_temperature import TEMPERATURE
 from ...mechanisms.environment import find_references
+from ..arm_alone import list_instrument_names
 from ..refitting import select_carried
 
 if TYPE_CHECKING:
@@ -30,10 +31,24 @@ def list_notes(c: Calibration, what: str, geometry: bool) -> tuple[str, ...]:
     if TEMPERATURE in c.needs():
         temperature = _describe_temperature(c, what)
         out.append(temperature)
+    out += describe_instrument(c)
     group = find_group(c)
     if group is not None:
         out.append(f'the placement of the tracker is that of group "{group}"')
     return tuple(out)
+
+
+def describe_instrument(c: Calibration) -> tuple[str, ...]:
+    """Describe which errors of the instrument a file does not have; nothing where none were found."""
+    names = list_instrument_names(c)
+    if not names:
+        return ()
+    what, them = ("is an error", "it") if len(names) == 1 else ("are errors", "them")
+    sentence = (
+        f"{sentence_list(names)} {what} of the instrument, not of the arm: the file is without {them}, as "
+        "are the measurements that it is compared with"
+    )
+    return (sentence,)
 
 
 def find_group(c: Calibration) -> str | None:
