@@ -1,7 +1,7 @@
 """Moments of steps that a model names without one: those that fit best.
 
 A step of a base, or of a study's own model, stands where candidates do: of the moments that are
-scanned at the one that explains most beyond the rest of its model."""
+scanned at the one that explains most beyond the rest of its model, whatever rows are bad shots."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ from .candidates import Candidate
 from .evidence import compute_single_f
 from .kept_causes import KeptCauses
 from .options import DEFAULT_OPTIONS
+from .robust_moments import choose_beside_outliers
 from .scanned_constants import drop_equal_constants
 from .session_steps import place_steps
 from .views import build_view
@@ -85,5 +86,6 @@ def _choose_best(problem: Problem, model: Model, options: Sequence[Mechanism]) -
     columns = build_columns(problem, found, fitted.at(), DEFAULT_OPTIONS.memory_mb, causes, None)
     view = build_view(problem, columns, fitted)
     strength = compute_single_f(view.scan, view.response)
-    best = np.argmax(strength)
-    return options[int(best)]
+    best = int(np.argmax(strength))
+    chosen = choose_beside_outliers(problem, fitted, options, best)
+    return options[chosen]

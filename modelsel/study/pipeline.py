@@ -64,9 +64,7 @@ from .held_out_outliers import exclude_held_out_outliers
 from .inputs import list_candidates
 from .model_ladder import (
     build_base,
-    build_model,
     choose_constants,
-    choose_moments,
     evaluate_effects,
     evaluate_ladder,
     remeasure,
@@ -365,12 +363,10 @@ def sample_posterior(
     say(SAMPLING)
     study, split = result.study, result.split
     stated = study.noise.floor_mm is not None and split.known_sigma
-    base = study.model.base
-    moments = choose_moments(study, split, registry, base)
     log_posterior = build_log_posterior(
         split,
         result.models.chosen.fit,
-        build_model(study, split.problem, registry, base, moments),
+        result.diagnosis.search.base,
         registry,
         over=study.sampling.over,
         instrument=None if stated else read_instrument(study.noise),

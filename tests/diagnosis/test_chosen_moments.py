@@ -68,3 +68,26 @@ def test_a_name_of_several_steps_has_each_at_its_moment(rng: Rng) -> None:
 )
 def test_what_has_its_moment_or_is_no_step_is_not_placed(name: str) -> None:
     assert not list_scanned_steps(name, ROBOT, REGISTRY)
+
+
+@pytest.mark.parametrize("name", ["tracker-step", "zero-step:3", "target-step:B"])
+def test_bad_shots_do_not_move_a_step(rng: Rng, name: str) -> None:
+    """Of a step of a millimetre and rows that are off by many the latter were what fitted best."""
+    body = arm(ROBOT, rng)
+    q = body.draw(rng, 60, 2.6)
+    moment = int(rng.integers(15, 45))
+    is_after = np.arange(60) >= moment
+    shifts = np.zeros((60, 3, 3))
+    zeros = np.zeros(60)
+    if name == "zero-step:3":
+        zeros = 1.5e-3 * is_after
+    elif name == "target-step:B":
+        shifts[moment:, 1] = draw_slip(rng)
+    seen = measure(body, q, TOOLS[:3], shifts, rng, zeros)
+    if name == "tracker-step":
+        seen[moment:] += rng.choice([-0.5, 0.5], 3)
+    bad = rng.choice(np.setdiff1d(np.arange(60), [moment - 1, moment]), 4, replace=False)
+    seen[bad, rng.integers(3, size=4)] += rng.uniform(4, 20, (4, 3))
+    at = bind_targets(ROBOT, q, seen)
+    (found,) = list_step_moments(choose(at, name)[name].terms)
+    assert (moment - 1) / 59 < found < moment / 59
