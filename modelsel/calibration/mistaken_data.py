@@ -43,6 +43,11 @@ def check_near_arm(c: Calibration, at: Problem, residual: Array, free_setup: boo
     reasons = reasons or describe_wrong_setup(at, residual)
     if not reasons and not free_setup and _is_near_registered(c, at):
         return
+    if reasons:
+        what = (
+            describe_implausible_distance(residual, at.reach_mm, "predicted", explained=True)
+            or what
+        )
     told_reasons = reasons or (UNKNOWN_REASON,)
     remedy = " ".join(told_reasons)
     raise DataError(what, remedy=remedy)

@@ -262,7 +262,7 @@ def _describe_shape(sight: Sight, at: Placed, g: int) -> str:
         shape = f"the points lie along a line, {write_rounded(across, 2)} mm off it"
     else:
         shape = f"the points lie within {write_rounded(longest, 2)} mm of their middle"
-    return f"{shape}, where {write_rounded(left, 2)} mm remain unexplained (rms, median)"
+    return f"{shape}, where {write_rounded(left, 2)} mm remain unexplained (median)"
 
 
 def _note_weak_turn(sight: Sight, at: Placed, g: int, turn: float, name: str) -> Note:
