@@ -9,6 +9,7 @@ from .._typing import Array, Index
 from ..exceptions import write_rounded
 from .column_names import parse_column_name
 from .columns import convert_to_numbers
+from .joined_blanks import MAX_BLANK_SHARE
 from .joining import COORDINATES, Join, list_dropped_columns, list_name_columns
 from .leftover_points import describe_drift
 from .point_times import find_times
@@ -68,7 +69,7 @@ def _list_rows(table: Table, rows: Index) -> str:
     where = table.where
     spans = where.spans(rows, MAX_LISTED)
     place = f"{where.file}, {spans}"
-    columns = list_name_columns(table)
+    columns = list_name_columns(table, MAX_BLANK_SHARE)
     labels = label_rows(columns.values(), rows)
     return f"{labels} ({place})" if labels else place
 

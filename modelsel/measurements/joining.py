@@ -3,7 +3,6 @@ nearest time, or by the order of the rows. What does not match is said."""
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,10 +13,11 @@ import numpy as np
 from .._typing import Array, Index
 from ..exceptions import DataError, write_rounded
 from .clock_offset import find_clock_offset, write_seconds
-from .column_names import MEASURED, parse_column_name
-from .columns import convert_to_numbers, find_blank_cells, read_numbers
-from .leftover_points import find_repeated_name
-from .point_times import DATE_WORDS, TIME_WORDS, are_clock_times, find_common_seconds, find_times
+from .column_names import parse_column_name
+from .columns import convert_to_numbers, find_blank_cells
+from .joined_blanks import MAX_BLANK_SHARE, check_coordinates, find_filled_times
+from .matched_names import keep_number, match_names, may_be_names, squeeze_name
+from .point_times import DATE_WORDS, TIME_WORDS, find_common_seconds, find_times
 from .table import Table
 
 WAYS = ("name", "time", "order")
@@ -28,7 +28,6 @@ MIN_NAMES = 4
 MAX_REFLECTORS = 12
 # share of the positions' range that reflectors on one flange are apart, at least
 MIN_APART = 2e-3
-LETTERS_BEFORE = re.compile(r"^\D*0*(?=\d)")
 DAY_SECONDS = 86400.0
 COORDINATES = ("x", "y", "z")
 
@@ -36,7 +35,8 @@ COORDINATES = ("x", "y", "z")
 @dataclass(frozen=True, eq=False)
 class Join:
     """A way to join: rows of the points and, as many, of the log; in words; rows of the points that
-    are `repeated` shots of others; `key`: the log's column of names."""
+    are `repeated` shots of others; `key`: the log's column of names; `blank`: whether some rows have no
+    partner for want of a time."""
 
     way: str
     points: Index
@@ -44,6 +44,7 @@ class Join:
     words: str
     repeated: tuple[int, ...] = ()
     key: str = ""
+    blank: bool = False
 
     def is_like(self, other: Join) -> bool:
         """Whether two ways join the same rows."""
@@ -52,6 +53,14 @@ class Join:
         has_points = np.array_equal(self.points, points)
         has_log = np.array_equal(self.log, log)
         return has_points and has_log
+
+    def is_within(self, other: Join) -> bool:
+        """Whether another way joins these rows, and more."""
+        points = self.points.tolist()
+        log = self.log.tolist()
+        own = set(zip(points, log, strict=True))
+        others = zip(other.points.tolist(), other.log.tolist(), strict=True)
+        return own <= set(others)
 
 
 def find_joins(
@@ -76,7 +85,7 @@ def join_tables(points: Table, log: Table, join: Join) -> Table:
     """Join two tables, a row per matched point in the order of the log; columns that both have are
     the instrument's. Raises DataError for a coordinate that is no number, with the line of its own
     file."""
-    _check_coordinates(points)
+    check_coordinates(points)
     order = np.lexsort((join.points, join.log))
     at_points = join.points[order]
     at_log = join.log[order]
@@ -169,26 +178,17 @@ def refuse_swapped(points: Table, log: Table) -> DataError | None:
     )
 
 
-def _check_coordinates(points: Table) -> None:
-    for name in points.columns:
-        parsed = parse_column_name(name)
-        other_words = parsed.words - MEASURED
-        is_coordinate = parsed.quantity in COORDINATES
-        if is_coordinate and not other_words:
-            read_numbers(points, name)
-
-
 # -- by name
 # --------------------------------------------------------------------------------------------
 
 
 def _join_by_name(points: Table, log: Table) -> Join | str:
     """Join by the pair of columns that have most names in common."""
-    for shorten in (_squeeze_name, _keep_number):
+    for shorten in (squeeze_name, keep_number):
         best, most = None, MIN_NAMES - 1
-        for name, cells in list_name_columns(points).items():
-            for other, readings in list_name_columns(log).items():
-                rows, partners, repeated = _match_names(cells, readings, shorten)
+        for name, cells in list_name_columns(points, MAX_BLANK_SHARE).items():
+            for other, readings in list_name_columns(log, MAX_BLANK_SHARE).items():
+                rows, partners, repeated = match_names(cells, readings, shorten)
                 different = np.unique(partners)
                 distinct = len(different)
                 least = MIN_SHARE * len(points)
@@ -204,11 +204,11 @@ def _join_by_name(points: Table, log: Table) -> Join | str:
 
 def _describe_names(points: Table, log: Table) -> str:
     """Say which columns of names were compared, and why none joins."""
-    best, said = (-1, 0), "one of the files has no column of names"
-    for name, cells in list_name_columns(points).items():
-        keys = [_squeeze_name(cell) for cell in cells]
-        for other, readings in list_name_columns(log).items():
-            partners = Counter(map(_squeeze_name, readings))
+    best, said = (-1, 0), "one of the files has no column of names that is filled"
+    for name, cells in list_name_columns(points, MAX_BLANK_SHARE).items():
+        keys = [squeeze_name(cell) for cell in cells[~find_blank_cells(cells)]]
+        for other, readings in list_name_columns(log, MAX_BLANK_SHARE).items():
+            partners = Counter(map(squeeze_name, readings[~find_blank_cells(readings)]))
             common = sum(key in partners for key in keys)
             rank = (common, len(set(keys)))
             if rank <= best:
@@ -224,10 +224,10 @@ def _describe_names(points: Table, log: Table) -> str:
 def find_repeated_reading(points: Table, log: Table) -> str | None:
     """Say which name the log has twice where most points have one of its names, and most of them
     once; None where names do not join for another reason."""
-    for cells in list_name_columns(points).values():
-        keys = {_squeeze_name(cell) for cell in cells}
-        for other, readings in list_name_columns(log).items():
-            times = Counter(map(_squeeze_name, readings))
+    for cells in list_name_columns(points, MAX_BLANK_SHARE).values():
+        keys = {squeeze_name(cell) for cell in cells[~find_blank_cells(cells)]}
+        for other, readings in list_name_columns(log, MAX_BLANK_SHARE).items():
+            times = Counter(map(squeeze_name, readings[~find_blank_cells(readings)]))
             common = keys & set(times)
             again = [key for key in times if times[key] > 1]
             is_known = len(common) >= max(MIN_SHARE * len(keys), MIN_NAMES)
@@ -237,8 +237,8 @@ def find_repeated_reading(points: Table, log: Table) -> str | None:
     return None
 
 
-def list_name_columns(table: Table) -> dict[str, Any]:
-    """List the columns that may be names of points."""
+def list_name_columns(table: Table, blank_share: float = 0.0) -> dict[str, Any]:
+    """List the columns that may be names of points; up to a share of their cells may be empty."""
     found = {}
     for name, cells in table.columns.items():
         parsed = parse_column_name(name)
@@ -246,63 +246,9 @@ def list_name_columns(table: Table) -> dict[str, Any]:
         is_time = parsed.words & (TIME_WORDS | DATE_WORDS)
         if is_quantity or is_time:
             continue
-        if _holds_names(cells):
+        if may_be_names(cells, blank_share):
             found[name] = cells
     return found
-
-
-def _holds_names(cells: Any) -> bool:
-    """Whether cells may be names: filled, and text other than times, or whole numbers."""
-    if not len(cells) or are_clock_times(cells):
-        return False
-    if find_blank_cells(cells).any():
-        return False
-    values = convert_to_numbers(cells)
-    is_number = np.isfinite(values)
-    numbers = values[is_number]
-    whole = np.round(numbers)
-    return bool(np.array_equal(numbers, whole))
-
-
-def _squeeze_name(cell: Any) -> str:
-    """Write a name without what differs between programs: capitals, the collection and group that
-    stand before it."""
-    text = str(cell).strip()
-    parts = text.split("::")
-    name = parts[-1]
-    plain = name.casefold()
-    return plain.removesuffix(".0")
-
-
-def _keep_number(cell: Any) -> str:
-    """Write a name without the letters and zeros before its number: P007 and 7 are one."""
-    name = _squeeze_name(cell)
-    return LETTERS_BEFORE.sub("", name)
-
-
-def _match_names(cells: Any, readings: Any, shorten: Any) -> tuple[Index, Index, tuple[int, ...]]:
-    """Match names: (rows of the points, rows of the log, those of the points that are repeated
-    shots); none where the log has a name twice. A point that was shot again (P031_2) has the
-    readings of the first."""
-    keys = [shorten(cell) for cell in readings]
-    place = {key: row for row, key in enumerate(keys)}
-    rows, partners = list[int](), list[int]()
-    if len(place) < len(keys):
-        place = {}
-    names = [shorten(cell) for cell in cells]
-    measured = set(names)
-    repeated = list[int]()
-    for row, key in enumerate(names):
-        first = find_repeated_name(key, measured, place)
-        if first is not None:
-            repeated.append(row)
-        partner = place.get(first or key)
-        if partner is not None:
-            rows.append(row)
-            partners.append(partner)
-    of_points = np.array(rows, np.intp)
-    of_log = np.array(partners, np.intp)
-    return of_points, of_log, tuple(repeated)
 
 
 # -- by time and by order
@@ -311,11 +257,11 @@ def _match_names(cells: Any, readings: Any, shorten: Any) -> tuple[Index, Index,
 
 def _join_by_time(points: Table, log: Table, max_gap: float, clock_offset: float) -> Join | str:
     """Join every point with the readings of the nearest time."""
-    times = find_times(points)
-    readings = find_times(log)
+    times, timed_points = find_filled_times(points)
+    readings, timed_log = find_filled_times(log)
     if times is None or readings is None:
         lacking = points if times is None else log
-        return f"{lacking.where.file} has no column of times"
+        return f"{lacking.where.file} has no column of times that is filled"
     if times.absolute != readings.absolute:
         return "one file has the time of day, the other a time that begins at zero"
     of_points, of_log = times.seconds, readings.seconds - clock_offset
@@ -340,7 +286,9 @@ def _join_by_time(points: Table, log: Table, max_gap: float, clock_offset: float
     largest = float(gap[close].max())
     columns = f'"{times.column}" and "{readings.column}"'
     words = f"by nearest time ({columns}, at most {write_seconds(largest)} apart)"
-    return Join("time", close, nearest[close], words)
+    is_blank = len(timed_points) < count or len(timed_log) < len(log)
+    at_points, at_log = timed_points[close], timed_log[nearest[close]]
+    return Join("time", at_points, at_log, words, blank=is_blank)
 
 
 def _advise_on_gap(points: Array, log: Array, max_gap: float, offset: float) -> str:

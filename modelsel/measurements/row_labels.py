@@ -8,8 +8,10 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from .._typing import Index
+from .columns import find_blank_cells
 
 MAX_LISTED = 12
+UNNAMED = "a row without a name"
 LETTER = re.compile(r"[^\W\d_]")
 
 
@@ -19,7 +21,9 @@ def label_rows(columns: Iterable[Any], rows: Index) -> str:
     none."""
     telling = []
     for cells in columns:
+        is_blank = find_blank_cells(cells)
         texts = [str(cell).strip() for cell in cells]
+        texts = [UNNAMED if blank else text for text, blank in zip(texts, is_blank, strict=True)]
         has_letters = all(map(LETTER.search, texts))
         if has_letters and len(set(texts)) > 1:
             telling.append(texts)

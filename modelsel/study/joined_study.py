@@ -153,14 +153,17 @@ def _list_joining_columns(points: Table, log: Table, join: Join) -> set[str]:
 
 
 def _drop_equal(joins: Mapping[str, Join]) -> dict[str, Join]:
-    """Drop ways that join the rows as one before does; names go before everything else."""
+    """Drop ways that join the rows as one before does, and one by times of which some are not given as
+    far as another joins its rows alike; names go before everything else."""
     if "name" in joins:
         return {"name": joins["name"]}
     kept: dict[str, Join] = {}
     for way, join in joins.items():
         others = kept.values()
         is_new = not any(join.is_like(other) for other in others)
-        if is_new:
+        all_others = [other for other in joins.values() if other is not join]
+        is_part = join.blank and any(map(join.is_within, all_others))
+        if is_new and not is_part:
             kept[way] = join
     return kept
 
