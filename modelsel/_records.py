@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from reprlib import repr as brief
+from textwrap import shorten
 from typing import Annotated, Any, TypeVar
 
 from pydantic import (
@@ -23,6 +25,7 @@ from ._names import find_hidden_character
 MAX_NUMBER = 1e100  # its square and its cube can be computed with
 MAX_WHOLE = 10**100
 MAX_SHOWN = 80  # characters of a value in a message
+MAX_LINE = 160  # characters of a record in a Python session
 BRANCH = "<"  # begins the tag of a branch of a union: no key of a file, left out of places
 EXPECTED = {
     "float_type": "a finite number",
@@ -71,6 +74,22 @@ class StrictRecord(BaseModel):
     model_config = ConfigDict(
         strict=True, frozen=True, extra="ignore", populate_by_name=True, defer_build=True
     )
+
+    def __repr__(self) -> str:
+        """One line: its sentence, or its name with its probability, or as much as fits."""
+        name = type(self).__name__
+        kind = name.removesuffix("Record")
+        said = getattr(self, "sentence", None) or getattr(self, "name", None)
+        if not isinstance(said, str):
+            fields = [f"{key}={brief(value)}" for key, value in self.__repr_args__()]
+            listed = shorten(", ".join(fields), MAX_LINE, placeholder=" …")
+            return f"{name}({listed})"
+        probability = getattr(self, "probability", None)
+        likely = "" if probability is None else f", probability {probability:.2f}"
+        return f"{kind}: {said}{likely}"
+
+    def __str__(self) -> str:
+        return repr(self)
 
     @model_validator(mode="before")
     @classmethod

@@ -59,6 +59,11 @@ class Study(FrozenTable):
     """A study's settings, validated on creation. From Python, pass the tables of the study file as
     keyword arguments: `Study(name="…", robot={…}, …)`. Raises StudyError with every problem."""
 
+    def __repr__(self) -> str:
+        robot = self.robot.name or self.robot.file or "a robot"
+        base = ", ".join(self.model.base)
+        return f"Study {self.name!r}: {robot}, {self.measurements.file}, base {base}"
+
     name: Name = Field(description="Name of the study.")
     seed: int = Field(default=0, ge=0, description="Seed from which every random choice derives.")
     robot: RobotTable = Field(description="Nominal robot and its target.")

@@ -42,6 +42,9 @@ class Finding:
     gain: Gain
     orientation_gain: OrientationGain | None = None
 
+    def __repr__(self) -> str:
+        return f"Finding: {self.sentence}"
+
     @property
     def sentence(self) -> str:
         """In a metrologist's words: what moves, whether held-out configurations speak against it, and which parts

@@ -14,6 +14,7 @@ from ..diagnosis.error_map import ErrorMap
 from ..diagnosis.outcome import Diagnosis
 from ..diagnosis.procedure import Nested
 from ..diagnosis.unexplained import DetectionLimit, Predictable
+from ..exceptions import count_words
 from ..fitting.noise import Floor
 from ..fitting.problem import Problem
 from ..fitting.undetermined import Unidentifiable
@@ -41,6 +42,10 @@ class ModelSearch:
     nested: Nested | None
     unidentifiable: tuple[Unidentifiable, ...]
 
+    def __repr__(self) -> str:
+        count = count_words(len(self.ladder), "model")
+        return f"Ladder of {count}. Chosen: {self.chosen!r}"
+
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
@@ -56,6 +61,11 @@ class Explanation:
     predictable: Predictable | None
     candidates: Sequence[str] | str = "all"
 
+    def __repr__(self) -> str:
+        findings = count_words(len(self.findings), "finding")
+        faults = count_words(len(self.faults), "fault")
+        return f"Explanation: {findings}, {faults} of the data"
+
 
 @dataclass(frozen=True, eq=False)
 class StudyRun:
@@ -70,6 +80,10 @@ class StudyRun:
     uncertainty: Confidence
     warnings: tuple[Note, ...]
     provenance: Mapping[str, str]
+
+    def __repr__(self) -> str:
+        findings = count_words(len(self.diagnosis.findings), "finding")
+        return f"Run of {self.study.name!r}: {self.robot.name}, {findings}"
 
     @property
     def problem(self) -> Problem:

@@ -18,6 +18,7 @@ import numpy as np
 
 from .._arguments import check_type, check_whole_number
 from .._typing import Array, Mask
+from ..exceptions import count_words
 from ._kernels import (
     AXES_IN_PLACE,
     BASE_FRAME,
@@ -97,6 +98,12 @@ class Robot:
     usual: tuple[float, float] = (1.0, 1e-3)
     urdf: UrdfSource | None = field(default=None, repr=False)
     coupling: Coupling | None = field(default=None, repr=False)
+
+    def __repr__(self) -> str:
+        joints = count_words(self.n, "joint")
+        slides = sum(self.prismatic)
+        sliding = f", {slides} of which slide" if slides else ""
+        return f"Robot {self.name!r}: {joints}{sliding}, links of {self.reach:,.0f} mm in all"
 
     @property
     def n(self) -> int:

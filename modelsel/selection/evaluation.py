@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from .._typing import Array, Index, Mask
-from ..exceptions import NotEstimable
+from ..exceptions import NotEstimable, count_words, write_rounded
 from ..fitting.design import Model
 from ..fitting.folded_rows import FoldedProblem, Point, walk_along
 from ..fitting.least_squares import Fit
@@ -52,6 +52,11 @@ class Split:
     folds: Index
     known_sigma: bool
     undecided: Mask | None = None
+
+    def __repr__(self) -> str:
+        rows = count_words(len(self.estimation), "row")
+        inside = int(self.estimation.sum())
+        return f"Split of {rows}: {inside:,} estimate, {int(self.outlying.sum()):,} left out"
 
     @property
     def outliers(self) -> Mask:
@@ -126,6 +131,12 @@ class Evaluation:
     ebic: float | None = None
     log_density: float | None = None
     crossed: Array | None = field(default=None, repr=False)
+
+    def __repr__(self) -> str:
+        errors = self.held_out if self.held_out.rms_mm is not None else self.estimation
+        left = "" if errors.rms_mm is None else f", {write_rounded(errors.rms_mm)} mm rms"
+        where = " held out" if left and errors is self.held_out else ""
+        return f"Evaluation of {', '.join(self.names)}: rank {self.rank}{left}{where}"
 
 
 def evaluate(

@@ -12,7 +12,7 @@ import numpy as np
 from .._progress import keep_silent
 from .._random import generator
 from .._typing import Say
-from ..exceptions import sentence_list
+from ..exceptions import count_words, sentence_list
 from ..fitting.design import Model
 from ..fitting.least_squares import Fit
 from ..fitting.noise import Instrument
@@ -63,6 +63,11 @@ class Confidence:
     significance: tuple[Significance, ...]
     sampling: Sampling | None = None
     lasting: bool = False
+
+    def __repr__(self) -> str:
+        parameters = count_words(len(self.parameters), "parameter")
+        sampled = "not sampled" if self.sampling is None else "sampled"
+        return f"Uncertainty of {parameters}, {sampled}"
 
     @property
     def notes(self) -> tuple[Note, ...]:

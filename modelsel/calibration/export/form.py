@@ -41,6 +41,11 @@ class Exported:
     useful: float = 1.0
     table: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        size = len(self.text)
+        missing = "; ".join(self.left_out) or "nothing"
+        return f"Export of {size:,} characters, without {missing}"
+
     @property
     def worse(self) -> str | None:
         """That the file is worse than the nominal arm, in words; None where it is not, or nobody
