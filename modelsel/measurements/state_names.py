@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property, lru_cache
 from itertools import product
+from math import log
 
 from ..robot.kinematics import Robot
 
@@ -36,6 +37,10 @@ def _list_preferred(least: int, most: int) -> dict[int, None]:
 # slide [µm]
 TURNED = _list_preferred(4, 1400)
 SLID = _list_preferred(200, 90_000)
+
+
+DRAG_NAME = re.compile(r"drag(?P<joint>\d{1,3})(_(?P<width>\d{1,9}))?")
+USUAL_WIDTH = 500
 
 
 class StateKind(Enum):
@@ -336,6 +341,22 @@ def state_units(robot: Robot) -> dict[str, str]:
         for family in FAMILIES
         for variable in family.members(robot)
     }
+
+
+def find_nearest_width(name: str, known: Iterable[str]) -> str | None:
+    """Find the known drag of the same joint whose width is nearest to that of a name, by their ratio, or
+    that is usual where the name has none; None for any other name."""
+    match = DRAG_NAME.fullmatch(name)
+    if match is None:
+        return None
+    joint = int(match["joint"])
+    wanted = int(match["width"] or USUAL_WIDTH)
+    drags = [variable for each in known if (variable := parse_state_name(each)) and variable.width]
+    own = [variable for variable in drags if variable.joint == joint]
+    if not own or not wanted:
+        return None
+    nearest = min(own, key=lambda variable: abs(log(variable.most * THOUSAND / wanted)))
+    return nearest.name
 
 
 def list_widths(robot: Robot, joint: int) -> Mapping[int, None]:

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from ..exceptions import StudyError, suggest
+from ..measurements.state_names import find_nearest_width
 from .cause_functions import FUNCTIONS
 from .causes import Applied, Cause, Combined, Member, Named, Number
 
@@ -109,7 +110,9 @@ class _Formula:
 
     def refuse_name(self, name: str) -> str:
         """Say what is wrong with a name that is unknown."""
-        hint = self._count_members(name) or suggest(name, self.units)
+        near = find_nearest_width(name, self.units)
+        meant = "" if near is None else f'Did you mean "{near}"?'
+        hint = self._count_members(name) or meant or suggest(name, self.units)
         hint = hint or "A reading, such as q1, or a column is expected."
         return f'{self.where}: unknown name "{name}" in "{self.text}". {hint}'
 

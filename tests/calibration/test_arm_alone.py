@@ -87,3 +87,5 @@ def test_a_table_of_corrections_has_the_arms_errors_alone(calibration: Calibrati
     wrong = export_grid(misread(calibration, "tracker-range"), options)
     assert wrong.text == export_grid(calibration, options).text
     assert any("error of the instrument" in note for note in wrong.notes)
+    # whoever prints them adds the full stop
+    assert not any(note.endswith(".") for note in wrong.notes)
