@@ -43,8 +43,7 @@ def check_command(
 ) -> None:
     """What is in a measurements file, what it can tell and what it cannot. DATA is the file, or a
     study's folder: its file and its robot, with the study's tool and registration. The exit status
-    of a study that `modelsel study` would refuse is that of the refusal; nested folds are not
-    tried."""
+    of a study that `modelsel study` would refuse is that of the refusal."""
     from ..measurements.reader import read_measurements
     from ..measurements.table import DataFile
     from ..study.inspection import inspect_measurements

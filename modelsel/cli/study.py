@@ -230,6 +230,8 @@ def _print_removed(folder: Path, earlier: list[str]) -> None:
 
 def _describe_dry_run(found: dict[str, Any], folder: Path, writes: tuple[str, ...]) -> str:
     """Describe what a study would do and write, followed by its warnings."""
+    from ..study.inspection_text import describe_folds
+
     counts = found["configurations"]
     base = ", ".join(found["base"])
     registered = ""
@@ -247,6 +249,8 @@ def _describe_dry_run(found: dict[str, Any], folder: Path, writes: tuple[str, ..
         f"{found['mechanisms']} mechanisms may extend it{cells}. Would write {files} into {folder}."
     )
     lines = [said]
+    if found["nested_folds"]:
+        lines.append(describe_folds(found["nested_folds"]))
     for warning in found["warnings"]:
         sentence = warning["sentence"]
         lines.append(f"Note: {sentence}")

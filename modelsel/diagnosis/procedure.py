@@ -209,6 +209,15 @@ class _Fold(NamedTuple):
     names: list[str]
 
 
+def assign_nested_folds(split: Split, folds: int, seed: int) -> Index:
+    """Assign every estimation row (m,) to one of the folds in which all is repeated; -1: held out."""
+    rows = split.estimation
+    estimation = split.problem.data.take(rows)
+    fold = np.full(len(rows), -1, dtype=np.intp)
+    fold[rows] = assign_folds(estimation, folds, generator(seed, "nested"))
+    return fold
+
+
 @steady_arithmetic()
 def _run_fold(k: int, split: Split, inquiry: Inquiry, fold: Index) -> _Fold:
     outside = fold == k
@@ -251,9 +260,7 @@ def run_nested_folds(  # noqa: PLR0913  what is asked, and how
     from concurrent.futures.process import BrokenProcessPool
 
     rows = split.estimation
-    estimation = split.problem.data.take(rows)
-    fold = np.full(len(rows), -1, dtype=np.intp)
-    fold[rows] = assign_folds(estimation, folds, generator(seed, "nested"))
+    fold = assign_nested_folds(split, folds, seed)
     count = int(fold.max()) + 1
     inquiry = Inquiry(base, everything, seed, cells, keep_silent, options)
     run = partial(_run_fold, split=split, inquiry=inquiry, fold=fold)

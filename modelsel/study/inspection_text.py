@@ -166,4 +166,15 @@ def _format_study(described: dict[str, Any]) -> list[str]:
     places = describe_placements(placements)
     if not described["registered"]:
         places = places[len(placements.base_in_tracker) :]
-    return [line, *(f"  {sentence}" for sentence in places), *described["alarms"]]
+    lines = [line, *(f"  {sentence}" for sentence in places), *described["alarms"]]
+    folds = described["nested_folds"]
+    return [*lines, describe_folds(folds)] if folds else lines
+
+
+def describe_folds(count: int) -> str:
+    """Say how often nested folds repeat the procedure, and in which rows."""
+    return (
+        f"Nested folds: outliers, naming and fit are repeated {count} times, each time without one of {count} "
+        "parts of the estimation configurations, which takes about as long as the search itself each "
+        "time; they run side by side on the cores that there are."
+    )

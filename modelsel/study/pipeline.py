@@ -75,6 +75,7 @@ from .open_rows import exclude_open_rows
 from .orientation_weights import diagnose_weighed
 from .own_causes import build_own_candidates
 from .preparation import prepare, read_instrument
+from .rehearsed_folds import rehearse_folds
 from .result import Result
 from .stated_noise import check_stated_noise
 from .steps import (
@@ -135,6 +136,7 @@ def _analyse_prepared(
     # targets that no estimation row measures have been left out
     registry = set_targets(registry, split.problem.data.targets, split.problem.data.listed_targets)
     base = build_base(study, split, registry)
+    rehearse_folds(study, split, base)
     unseen = find_unseen_steps(study.model.candidates, split.problem, registry)
     mechanisms = list_candidates(study, split.problem.robot, registry, unseen)
     untested = find_untested(study.model.candidates, split.problem, mechanisms, unseen)

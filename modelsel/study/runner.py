@@ -20,6 +20,7 @@ from .model_ladder import rehearse_base, searches_cells
 from .own_causes import build_own_candidates
 from .pipeline import analyse, record_provenance, sample_posterior
 from .preparation import prepare
+from .rehearsed_folds import rehearse_folds
 from .result import Result
 from .steps import READING, list_steps
 from .whole_study import open_study
@@ -109,6 +110,7 @@ def rehearse_study(
     with name_study_file(study.file_name):
         split, floor, notes = prepare(study, robot, measured, labels)
         base = rehearse_base(study, split, notes, registry)
+        folds = rehearse_folds(study, split, base)
     kept = split.problem.data
     estimating = kept.take(split.estimation)
     held_out = kept.take(~split.estimation)
@@ -130,5 +132,6 @@ def rehearse_study(
         "mechanisms": len(candidates),
         "cells": searches_cells(study),
         "own_explanations": len(beyond),
+        "nested_folds": folds,
         "warnings": [{"code": note.code, "sentence": note.sentence} for note in notes],
     }

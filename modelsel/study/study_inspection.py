@@ -22,6 +22,7 @@ from .inputs import read_checked, read_nominal_robot
 from .inspection import describe_determined, inspect_measurements
 from .model_ladder import build_model, rehearse_base
 from .preparation import prepare
+from .rehearsed_folds import rehearse_folds
 
 GEOMETRY = ("geometric",)
 
@@ -44,7 +45,8 @@ def inspect_study(study: Study, folder: Path, registry: Registry = BUILTIN) -> d
         found.refuse()
         with name_study_file(study.file_name):
             split, _, notes = prepare(study, robot, measured, labels)
-            rehearse_base(study, split, notes, registry)
+            base = rehearse_base(study, split, notes, registry)
+            folds = rehearse_folds(study, split, base)
     except (StudyError, DataError, NotEstimable) as error:
         refused = str(error).splitlines()
         return inspected | {"study": {"refused": refused, "exit": error.exit_code}}
@@ -55,7 +57,7 @@ def inspect_study(study: Study, folder: Path, registry: Registry = BUILTIN) -> d
     determined["geometry"]["tool_mm"] = None
     placed = _describe_nominal(study, problem, notes)
     is_registered = bool(study.robot.register_)
-    stands = {"refused": None, "exit": 0, "registered": is_registered}
+    stands = {"refused": None, "exit": 0, "registered": is_registered, "nested_folds": folds}
     described: dict[str, Any] = {"study": {**stands, **placed}}
     if is_registered:
         described["registered"] = placed
