@@ -61,6 +61,9 @@ def list_misreadings(model: Model) -> set[TermKey]:
     of_instrument = set[TermKey]()
     of_arm = set[TermKey]()
     for one in model.mechanisms:
-        side = of_instrument if one.stem in MISREADINGS else of_arm
-        side.update(term.key for term in one.terms)
+        keys = {term.key for term in one.terms}
+        if one.stem in MISREADINGS:
+            of_instrument |= keys
+        else:
+            of_arm |= keys
     return of_instrument - of_arm

@@ -172,17 +172,33 @@ def refit_forms(split: Split, fitted: Fit, known: Sequence[Evaluation] = ()) -> 
         if best is None or _cross_validation_error(made) <= _cross_validation_error(best):
             best = made
         alone[form] = _select_refit(best, own_keys, place)
-    side = split.estimation
-    outlying = split.outlying
-    estimation = summarise_errors(left[side], outlying[side])
-    held_out = summarise_errors(left[~side], outlying[~side])
-    whole = (estimation.rms_mm, held_out.rms_mm)
-    mean_celsius = None
-    if any(TEMPERATURE in mechanism.names() for mechanism in fitted.model.mechanisms):
-        warm = split.problem.data.covariates.get(TEMPERATURE)
-        if warm is not None:
-            mean_celsius = float(warm[split.used].mean())
+    whole = _summarise_sides(split, left)
+    mean_celsius = _find_mean_temperature(split, fitted.model)
     return Refits(alone, whole, mean_celsius, corrected)
+
+
+def _summarise_sides(split: Split, left: Array) -> tuple[float | None, float | None]:
+    """Summarise residuals (m, c) on either side of a split: rms [mm] of estimation, held out."""
+    inside = split.estimation
+    outside = ~inside
+    outlying = split.outlying
+    estimation = summarise_errors(left[inside], outlying[inside])
+    held_out = summarise_errors(left[outside], outlying[outside])
+    fitted_mm = estimation.rms_mm
+    held_out_mm = held_out.rms_mm
+    return fitted_mm, held_out_mm
+
+
+def _find_mean_temperature(split: Split, model: Model) -> float | None:
+    """Find the mean temperature of the rows that fit; None where a model does not look at it."""
+    if not any(TEMPERATURE in mechanism.names() for mechanism in model.mechanisms):
+        return None
+    data = split.problem.data
+    warm = data.covariates.get(TEMPERATURE)
+    if warm is None:
+        return None
+    used = warm[split.used]
+    return float(used.mean())
 
 
 def _part_with(model: Model, keys: Collection[Hashable]) -> Model:

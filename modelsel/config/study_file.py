@@ -60,9 +60,12 @@ class Study(FrozenTable):
     keyword arguments: `Study(name="…", robot={…}, …)`. Raises StudyError with every problem."""
 
     def __repr__(self) -> str:
-        robot = self.robot.name or self.robot.file or "a robot"
+        table = self.robot
+        robot = table.name or table.file or table.nominal
+        file = self.measurements.file
         base = ", ".join(self.model.base)
-        return f"Study {self.name!r}: {robot}, {self.measurements.file}, base {base}"
+        name = self.name
+        return f"Study {name!r}: {robot}, {file}, base {base}"
 
     name: Name = Field(description="Name of the study.")
     seed: int = Field(default=0, ge=0, description="Seed from which every random choice derives.")

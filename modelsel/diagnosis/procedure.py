@@ -212,9 +212,12 @@ class _Fold(NamedTuple):
 def assign_nested_folds(split: Split, folds: int, seed: int) -> Index:
     """Assign every estimation row (m,) to one of the folds in which all is repeated; -1: held out."""
     rows = split.estimation
-    estimation = split.problem.data.take(rows)
-    fold = np.full(len(rows), -1, dtype=np.intp)
-    fold[rows] = assign_folds(estimation, folds, generator(seed, "nested"))
+    data = split.problem.data
+    estimation = data.take(rows)
+    rng = generator(seed, "nested")
+    count = len(rows)
+    fold = np.full(count, -1, dtype=np.intp)
+    fold[rows] = assign_folds(estimation, folds, rng)
     return fold
 
 

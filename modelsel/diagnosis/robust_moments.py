@@ -58,18 +58,22 @@ class _Rows:
     def find_far(self, size: Array, scale: float) -> Mask:
         """Find the rows whose residuals (m,) are far beyond a scale of one coordinate; none where
         they are too many for bad shots."""
-        far = size > GROSS_THRESHOLD * scale
-        if far.mean() > MAX_OUTLIER_SHARE:
-            return np.zeros(len(far), bool)
-        return np.asarray(far)
+        limit = GROSS_THRESHOLD * scale
+        far = np.asarray(size > limit)
+        share = far.mean()
+        if share > MAX_OUTLIER_SHARE:
+            return np.zeros_like(far)
+        return far
 
     def scale(self, size: Array) -> float:
         """Estimate the robust standard deviation of one coordinate from residuals (m,)."""
-        return estimate_scale(size, self.problem.measured)
+        measured = self.problem.measured
+        return estimate_scale(size, measured)
 
     def _flatten(self, columns: Array, inside: Mask) -> Array:
         width = columns.shape[2]
-        return columns[inside].reshape(-1, width)
+        chosen = columns[inside]
+        return chosen.reshape(-1, width)
 
 
 def choose_beside_outliers(
@@ -106,7 +110,8 @@ def _settle(rows: _Rows, steps: Sequence[Mechanism], far: Mask) -> tuple[int, Ar
         costs = [_bound_cost(size, scale) for size in sizes]
         best = int(np.argmin(costs))
         again = rows.find_far(sizes[best], scale)
-        if (again == far).all():
+        is_same = again == far
+        if is_same.all():
             break
         far = again
     return best, sizes[best]
@@ -114,5 +119,8 @@ def _settle(rows: _Rows, steps: Sequence[Mechanism], far: Mask) -> tuple[int, Ar
 
 def _bound_cost(size: Array, scale: float) -> float:
     """Sum up the squares of residuals (m,), each up to that of a row that is just not far off."""
-    bounded = np.minimum(size, GROSS_THRESHOLD * scale)
-    return float(np.square(bounded).sum())
+    limit = GROSS_THRESHOLD * scale
+    bounded = np.minimum(size, limit)
+    squares = np.square(bounded)
+    cost = squares.sum()
+    return float(cost)

@@ -16,7 +16,7 @@ from .clock_offset import find_clock_offset, write_seconds
 from .column_names import parse_column_name
 from .columns import convert_to_numbers, find_blank_cells
 from .joined_blanks import MAX_BLANK_SHARE, check_coordinates, find_filled_times
-from .matched_names import keep_number, match_names, may_be_names, squeeze_name
+from .matched_names import keep_number, may_be_names, pair_names, squeeze_name
 from .point_times import DATE_WORDS, TIME_WORDS, find_common_seconds, find_times
 from .table import Table
 
@@ -59,8 +59,10 @@ class Join:
         points = self.points.tolist()
         log = self.log.tolist()
         own = set(zip(points, log, strict=True))
-        others = zip(other.points.tolist(), other.log.tolist(), strict=True)
-        return own <= set(others)
+        more_points = other.points.tolist()
+        more_log = other.log.tolist()
+        others = set(zip(more_points, more_log, strict=True))
+        return own <= others
 
 
 def find_joins(
@@ -188,7 +190,7 @@ def _join_by_name(points: Table, log: Table) -> Join | str:
         best, most = None, MIN_NAMES - 1
         for name, cells in list_name_columns(points, MAX_BLANK_SHARE).items():
             for other, readings in list_name_columns(log, MAX_BLANK_SHARE).items():
-                rows, partners, repeated = match_names(cells, readings, shorten)
+                rows, partners, repeated = pair_names(cells, readings, shorten)
                 different = np.unique(partners)
                 distinct = len(different)
                 least = MIN_SHARE * len(points)

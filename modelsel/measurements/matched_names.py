@@ -49,7 +49,7 @@ def keep_number(cell: Any) -> str:
     return LETTERS_BEFORE.sub("", name)
 
 
-def match_names(
+def pair_names(
     cells: NDArray[Any], readings: NDArray[Any], shorten: Callable[[Any], str]
 ) -> tuple[Index, Index, tuple[int, ...]]:
     """Match names: (rows of the points, rows of the log, those of the points that are repeated
@@ -80,4 +80,8 @@ def _list_names(cells: NDArray[Any], shorten: Callable[[Any], str]) -> dict[int,
     """List the names in some cells by their rows; empty cells have none."""
     is_blank = find_blank_cells(cells)
     filled = np.flatnonzero(~is_blank)
-    return {row: shorten(cells[row]) for row in filled.tolist()}
+    names = {}
+    for row in filled.tolist():
+        cell = cells[row]
+        names[row] = shorten(cell)
+    return names

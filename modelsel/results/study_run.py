@@ -43,8 +43,10 @@ class ModelSearch:
     unidentifiable: tuple[Unidentifiable, ...]
 
     def __repr__(self) -> str:
-        count = count_words(len(self.ladder), "model")
-        return f"Ladder of {count}. Chosen: {self.chosen!r}"
+        count = len(self.ladder)
+        models = count_words(count, "model")
+        chosen = repr(self.chosen)
+        return f"Ladder of {models}. Chosen: {chosen}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,8 +64,10 @@ class Explanation:
     candidates: Sequence[str] | str = "all"
 
     def __repr__(self) -> str:
-        findings = count_words(len(self.findings), "finding")
-        faults = count_words(len(self.faults), "fault")
+        found = len(self.findings)
+        faulty = len(self.faults)
+        findings = count_words(found, "finding")
+        faults = count_words(faulty, "fault")
         return f"Explanation: {findings}, {faults} of the data"
 
 
@@ -82,8 +86,11 @@ class StudyRun:
     provenance: Mapping[str, str]
 
     def __repr__(self) -> str:
-        findings = count_words(len(self.diagnosis.findings), "finding")
-        return f"Run of {self.study.name!r}: {self.robot.name}, {findings}"
+        count = len(self.diagnosis.findings)
+        findings = count_words(count, "finding")
+        study = self.study.name
+        robot = self.robot.name
+        return f"Run of {study!r}: {robot}, {findings}"
 
     @property
     def problem(self) -> Problem:

@@ -100,10 +100,14 @@ class Robot:
     coupling: Coupling | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
+        name = self.name
+        reach = self.reach
         joints = count_words(self.n, "joint")
         slides = sum(self.prismatic)
-        sliding = f", {slides} of which slide" if slides else ""
-        return f"Robot {self.name!r}: {joints}{sliding}, links of {self.reach:,.0f} mm in all"
+        sliding = ""
+        if slides:
+            sliding = f", {slides} of which slide"
+        return f"Robot {name!r}: {joints}{sliding}, links of {reach:,.0f} mm in all"
 
     @property
     def n(self) -> int:

@@ -54,9 +54,12 @@ class Split:
     undecided: Mask | None = None
 
     def __repr__(self) -> str:
-        rows = count_words(len(self.estimation), "row")
+        count = len(self.estimation)
+        rows = count_words(count, "row")
         inside = int(self.estimation.sum())
-        return f"Split of {rows}: {inside:,} estimate, {int(self.outlying.sum()):,} left out"
+        outside = int(self.outlying.sum())
+        estimate = f"{inside:,} estimate"
+        return f"Split of {rows}: {estimate}, {outside:,} left out"
 
     @property
     def outliers(self) -> Mask:

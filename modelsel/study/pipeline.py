@@ -63,7 +63,6 @@ from .held_out_gains import judge_beside_others, measure_findings, resample_held
 from .held_out_outliers import exclude_held_out_outliers
 from .inputs import list_candidates
 from .model_ladder import (
-    build_base,
     choose_constants,
     evaluate_effects,
     evaluate_ladder,
@@ -135,8 +134,7 @@ def _analyse_prepared(
     """
     # targets that no estimation row measures have been left out
     registry = set_targets(registry, split.problem.data.targets, split.problem.data.listed_targets)
-    base = build_base(study, split, registry)
-    rehearse_folds(study, split, base)
+    base, _ = rehearse_folds(study, split, (), registry)
     unseen = find_unseen_steps(study.model.candidates, split.problem, registry)
     mechanisms = list_candidates(study, split.problem.robot, registry, unseen)
     untested = find_untested(study.model.candidates, split.problem, mechanisms, unseen)

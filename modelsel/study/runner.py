@@ -16,7 +16,7 @@ from ..mechanisms.registry import BUILTIN, Registry
 from .checkpoint import Checkpoint
 from .found_problems import name_study_file
 from .inputs import list_candidates, read_inputs
-from .model_ladder import rehearse_base, searches_cells
+from .model_ladder import searches_cells
 from .own_causes import build_own_candidates
 from .pipeline import analyse, record_provenance, sample_posterior
 from .preparation import prepare
@@ -109,8 +109,7 @@ def rehearse_study(
     robot, registry, measured, labels = read_inputs(study, folder, registry)
     with name_study_file(study.file_name):
         split, floor, notes = prepare(study, robot, measured, labels)
-        base = rehearse_base(study, split, notes, registry)
-        folds = rehearse_folds(study, split, base)
+        base, folds = rehearse_folds(study, split, notes, registry)
     kept = split.problem.data
     estimating = kept.take(split.estimation)
     held_out = kept.take(~split.estimation)

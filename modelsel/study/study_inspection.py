@@ -20,7 +20,7 @@ from ..robot.kinematics import Robot
 from .found_problems import FoundProblems, name_study_file
 from .inputs import read_checked, read_nominal_robot
 from .inspection import describe_determined, inspect_measurements
-from .model_ladder import build_model, rehearse_base
+from .model_ladder import build_model
 from .preparation import prepare
 from .rehearsed_folds import rehearse_folds
 
@@ -45,8 +45,7 @@ def inspect_study(study: Study, folder: Path, registry: Registry = BUILTIN) -> d
         found.refuse()
         with name_study_file(study.file_name):
             split, _, notes = prepare(study, robot, measured, labels)
-            base = rehearse_base(study, split, notes, registry)
-            folds = rehearse_folds(study, split, base)
+            _, folds = rehearse_folds(study, split, notes, registry)
     except (StudyError, DataError, NotEstimable) as error:
         refused = str(error).splitlines()
         return inspected | {"study": {"refused": refused, "exit": error.exit_code}}

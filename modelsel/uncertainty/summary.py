@@ -65,8 +65,11 @@ class Confidence:
     lasting: bool = False
 
     def __repr__(self) -> str:
-        parameters = count_words(len(self.parameters), "parameter")
-        sampled = "not sampled" if self.sampling is None else "sampled"
+        count = len(self.parameters)
+        parameters = count_words(count, "parameter")
+        sampled = "sampled"
+        if self.sampling is None:
+            sampled = "not sampled"
         return f"Uncertainty of {parameters}, {sampled}"
 
     @property

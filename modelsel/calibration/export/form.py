@@ -43,7 +43,9 @@ class Exported:
 
     def __repr__(self) -> str:
         size = len(self.text)
-        missing = "; ".join(self.left_out) or "nothing"
+        missing = "nothing"
+        if self.left_out:
+            missing = "; ".join(self.left_out)
         return f"Export of {size:,} characters, without {missing}"
 
     @property
