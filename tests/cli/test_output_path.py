@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import shutil
 from pathlib import Path
 
@@ -18,11 +17,9 @@ RESULT = "the file belongs to the result in result and would be replaced"
 
 @pytest.fixture
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A study, a result, targets and a link to the study's measurements, as an instrument writes
-    them."""
+    """A study, a result, targets and a link to the study's measurements, whose numbers have the
+    decimals that `simulate` writes."""
     shutil.copytree(PUMA, tmp_path / "study")
-    measured = tmp_path / "study" / "measurements.csv"
-    measured.write_text(re.sub(r"(\.\d{4})\d{5}", r"\1", measured.read_text()))
     (tmp_path / "study" / "more.csv").symlink_to("measurements.csv")
     (tmp_path / "result").mkdir()
     for name in ("result.json", "calibration.json"):
@@ -85,13 +82,16 @@ def test_a_file_of_its_own_is_written_again(place: Path) -> None:
         assert ran.exit_code == 0, ran.output
 
 
-def test_what_was_simulated_is_simulated_again(place: Path) -> None:
-    """The study's own measurements, too, once a call has written them."""
+def test_the_studys_measurements_are_written_once(place: Path) -> None:
+    """A second call reads them and refuses: nothing tells simulated points from measured ones."""
     own = place / "study" / "measurements.csv"
     own.unlink()
-    for _ in range(2):
-        ran = CliRunner().invoke(run_command_line, ["simulate", "study", "--out", str(own)])
-        assert ran.exit_code == 0, ran.output
+    words = ["simulate", "study", "--out", str(own)]
+    assert CliRunner().invoke(run_command_line, words).exit_code == 0
+    before = own.read_bytes()
+    ran = CliRunner().invoke(run_command_line, words)
+    assert (ran.exit_code, READS in ran.output) == (2, True)
+    assert own.read_bytes() == before
 
 
 def test_a_new_study_replaces_no_file_of_its_folder(place: Path) -> None:
