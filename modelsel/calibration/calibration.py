@@ -68,6 +68,8 @@ class Calibration:
     How good it is, and where:
         floor: noise of one measured coordinate.
         held_out_rms_mm: rms length of the held-out residuals, None without.
+        held_out_model_mm: the model's own standard uncertainty in them (rms length), None where it is
+            not known.
         ranges: least and largest value in estimation of every joint reading, covariate and value
             that the model's causes use.
         held_out_ranges: the same of all rows, where a held-out row lies beyond.
@@ -99,6 +101,7 @@ class Calibration:
     doubtful: tuple[str, ...] = ()
     held_out_ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     estimation_rows: EstimationRows = field(default_factory=EstimationRows)
+    held_out_model_mm: float | None = None
 
     @property
     def terms(self) -> tuple[Term, ...]:

@@ -94,6 +94,8 @@ def calibration_record(c: Calibration) -> dict[str, Any]:
         record["refits"] = refits_record(c.refits, symbols)
     if c.doubtful:
         record["doubtful"] = list(c.doubtful)
+    if c.held_out_model_mm is not None:
+        record["held_out_model_mm"] = c.held_out_model_mm
     if c.held_out_ranges:
         beyond = {name: list(pair) for name, pair in c.held_out_ranges.items()}
         record["held_out_ranges"] = beyond

@@ -171,6 +171,7 @@ class CalibrationRecord(StrictRecord):
     doubtful: list[Text] = Field(default_factory=list)
     held_out_ranges: dict[Text, Pair] = Field(default_factory=dict)
     estimation_rows: EstimationRowsRecord | None = None
+    held_out_model_mm: Length | None = None
 
     @model_validator(mode="after")
     def _check_names(self) -> CalibrationRecord:

@@ -28,20 +28,30 @@ def expect_noise(c: Calibration, spread: Array) -> tuple[float, float]:
 
     The noise floor, or what the study's own held-out configurations showed where that is clearly more,
     or where it contradicts a stated floor. Their errors have the parameters' uncertainty in them, which
-    is taken out: `spread` (m, 3, r) [mm] are its factors at the new rows.
+    is taken out. Files of earlier versions lack what it was there; it is taken for what it is at the
+    new rows, where its factors are `spread` (m, 3, r) [mm].
     """
     freedom = c.floor.freedom
     sigma = c.floor.coordinate_mm
     shown = _measure_held_out(c)
     if is_overstated(c):
         return max(shown, MIN_UNCERTAINTY), freedom
-    squares = np.square(spread)
-    parameters = squares.sum() / (3 * len(spread))
+    parameters = _measure_parameters(c, spread)
     noise = max(shown**2 - parameters, 0.0)
     held_out = float(np.sqrt(noise))
     if held_out > MIN_FACTOR * sigma:
         sigma = held_out
     return max(sigma, MIN_UNCERTAINTY), freedom
+
+
+def _measure_parameters(c: Calibration, spread: Array) -> float:
+    """Return the variance [mm²] that the parameters' uncertainty adds to a held-out coordinate."""
+    known = c.held_out_model_mm
+    if known is not None:
+        return known**2 / 3
+    squares = np.square(spread)
+    mean = squares.sum() / (3 * len(spread))
+    return float(mean)
 
 
 def describe_other_noise(c: Calibration, sigma: float) -> list[str]:

@@ -148,6 +148,7 @@ def _restore(record: CalibrationRecord) -> Calibration:
         doubtful=tuple(record.doubtful),
         held_out_ranges={name: (low, high) for name, (low, high) in record.held_out_ranges.items()},
         estimation_rows=_restore_estimation_rows(record),
+        held_out_model_mm=record.held_out_model_mm,
     )
     _check_standard_errors(record, calibration.standard_errors)
     _check_screws(record, model)

@@ -212,7 +212,7 @@ def _write_program(
     expected = commands.expected_mm.max()
     comments = [
         f"{count_words(len(data), 'joint command')}, corrected by modelsel. Study {c.study}, robot {c.robot.name}.",
-        f"Expected error of the target: {write_rounded(expected)} mm at most.",
+        f"Expected error of the target: {write_rounded(expected)} mm rms at the least certain point; single errors exceed it.",
         *notes,
         "Moves are slow and stop at every point. Check the path before the arm runs it.",
     ]

@@ -10,7 +10,6 @@ import click
 
 from .._choices import PLAN_PURPOSES
 from .._progress import show_progress
-from ..exceptions import count_words
 from ._options import json_option, make_console, print_json, print_prose, table_option
 from ._output_path import OutputPath, check_output, check_table_path
 
@@ -157,12 +156,13 @@ def _print_words(
 ) -> None:
     """Print what is said of a plan, of the rounds of repeats that are asked for, and of a size
     [mm]."""
+    from ..study.learning_curve import describe_size
     from ..study.planning import format_plan
 
     for line in [*format_plan(planned), *_offer_rounds(planned, repeats)]:
         print_prose(line)
     if size is not None and more is not None:
-        print_prose(_describe_size(size, more))
+        print_prose(describe_size(planned, size, more))
 
 
 def _print_configurations(table: pd.DataFrame, out: Path | None) -> None:
@@ -205,14 +205,6 @@ def _offer_rounds(planned: MeasurementPlan, asked: int | None) -> list[str]:
         return []
     times = planned.repeats.times
     return [f"--repeats {times} writes these rounds, each in another order."]
-
-
-def _describe_size(size: float, more: int) -> str:
-    """Say after how many more configurations an effect of a size [mm] is found."""
-    when = "in what is measured already"
-    if more:
-        when = f"after {count_words(more, 'more configuration')}"
-    return f"An effect of {size:g} mm rms beyond the model is found with 90 % probability {when}."
 
 
 def _count_more(result: Result, planned: MeasurementPlan, size: float | None) -> int | None:

@@ -20,7 +20,6 @@ from ..calibration.experiment_design import (
     choose_for_rivals,
     compute_indices,
     compute_naming_probability,
-    count_more_needed,
     merge_indistinct,
 )
 from ..calibration.plan_pool import Pool, build_pool
@@ -45,6 +44,7 @@ from .configuration_pool import (
     leave_out_approaches,
     repeat_for_targets,
 )
+from .learning_curve import estimate_learning, format_learning
 from .plan_rivals import depends_on_approach, find_rivals, list_used_names
 from .planned_repeats import RepeatPlan, add_rounds, format_repeats, plan_repeats
 from .result import Result
@@ -54,7 +54,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 RANDOM_CHOICES = 20  # random choices that a plan is compared with
-LEARNING_SIZES = (2.0, 1.0, 0.5, 0.25)  # of the detection limit, for the learning curve
 # a smaller index of observability is written with its power of ten
 MIN_PLAIN_INDEX = 1e-4
 
@@ -68,7 +67,8 @@ class MeasurementPlan:
     that the right one of the `rivals` is told apart, before and after (`random_probability`: after
     four times as many random configurations); `twins`: sentences on rivals that no configuration of
     the pool tells apart; `indices`: name -> observability before and after; `learning`: sizes of
-    effects [mm rms], and how many more configurations than the `configurations` measured find one;
+    effects [mm rms], and how many more configurations than the `configurations` that estimate, of
+    `measured` in all, find one;
     `within`: the ranges in which the pool was drawn; `repeats`: which of the configurations to
     measure again, so that the study tells what does not repeat (None where it has no points), whose
     rounds the table holds where they were asked for; `by_gravity`: whether a rival follows gravity;
@@ -89,6 +89,7 @@ class MeasurementPlan:
     repeats: RepeatPlan | None = None
     by_gravity: bool = False
     count: int = 0
+    measured: int = 0
 
     def to_frame(self) -> pd.DataFrame:
         """Return the configurations in order, as a measurements file without positions."""
@@ -172,9 +173,10 @@ def choose_configurations(
         probabilities=tuple(probabilities),
         random_probability=random_probability,
         indices={name: (before[name], after[name]) for name in before},
-        learning=_estimate_learning(result.diagnosis.nothing_else.mm, known.data.configurations),
+        learning=estimate_learning(result.diagnosis.nothing_else.mm, known.data.configurations),
         by_gravity=any(follows_gravity(rivals) for rivals in rival_sets),
         count=count,
+        measured=result.problem.data.configurations,
     )
 
 
@@ -206,20 +208,6 @@ def _measure_random_choice(
         probabilities.append(probability)
     mean = np.mean(probabilities)
     return float(mean)
-
-
-def _estimate_learning(
-    limit_mm: float | None, configurations: int
-) -> tuple[tuple[float, int], ...]:
-    """Return (size [mm rms], further configurations needed to find an effect of it)."""
-    if limit_mm is None:
-        return ()
-    learning = []
-    for share in LEARNING_SIZES:
-        size = share * limit_mm
-        more = count_more_needed(limit_mm, configurations, size)
-        learning.append((size, more))
-    return tuple(learning)
 
 
 def tabulate_configurations(
@@ -362,7 +350,7 @@ def format_plan(plan: MeasurementPlan) -> list[str]:
     lines += [sentence for sentence in columns if sentence]
     lines.append(_format_indices(plan))
     if plan.learning:
-        lines.append(_format_learning(plan))
+        lines.append(format_learning(plan))
     if plan.repeats is not None:
         lines.append(format_repeats(plan.repeats))
     return lines
@@ -387,13 +375,3 @@ def _write_index(value: float) -> str:
     if 0 < value < MIN_PLAIN_INDEX:
         return f"{value:.1e}"
     return write_rounded(value)
-
-
-def _format_learning(plan: MeasurementPlan) -> str:
-    sizes = [
-        f"{write_rounded(size)} mm rms with {more:,} more" for size, more in plan.learning if more
-    ]
-    return (
-        f"Learning: {plan.configurations} configurations are measured; the smallest effect found "
-        f"with 90 % probability is {', '.join(sizes)}."
-    )

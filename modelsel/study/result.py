@@ -12,6 +12,7 @@ from .._arguments import check_path, check_type, collect_names
 from .._progress import follow
 from .._typing import Say
 from ..calibration.calibration import Calibration, calibrate
+from ..calibration.held_out_uncertainty import measure_held_out_uncertainty
 from ..calibration.refitting import refit_forms
 from ..config.study_file import Study
 from ..exceptions import NotStored, StudyError, suggest
@@ -226,4 +227,7 @@ def _calibrate(run: StudyRun) -> Calibration:
     findings = run.diagnosis.findings
     doubtful = [one.effect.candidate for one in findings if one.doubtful]
     names = tuple(candidate.mechanism.name for candidate in doubtful)
-    return replace(calibration, refits=refits, form=form, doubtful=names)
+    model_mm = measure_held_out_uncertainty(calibration, run.split)
+    return replace(
+        calibration, refits=refits, form=form, doubtful=names, held_out_model_mm=model_mm
+    )

@@ -36,7 +36,7 @@ from modelsel.calibration.large_changes import (
 from modelsel.calibration.prediction import compute_pose, predict
 from modelsel.cli.main import run_command_line
 from modelsel.config.study_file import parse_study
-from modelsel.exceptions import DataError
+from modelsel.exceptions import DataError, write_rounded
 from modelsel.fitting.design import Model
 from modelsel.fitting.whitening import Whitening
 from modelsel.measurements.measurements import Orientation, build_measurements
@@ -503,6 +503,22 @@ def test_a_corrected_command_beyond_a_limit_is_said(made, tmp_path) -> None:
         pytest.warns(UserWarning, match="corrected commands lies beyond its limits"),
     ):
         correct(c, data.to_frame().drop(columns=["configuration", "order"]))
+
+
+def test_a_program_states_an_rms_error_and_no_bound(made, tmp_path) -> None:
+    c, at = made
+    data = plan(at, slice(1, 30))
+    expected = compensate_commands(c, data).expected_mm.max()
+    (tmp_path / "calibration.json").write_text(calibration_text(c))
+    planned = data.to_frame().drop(columns=["configuration", "order"])
+    planned.to_csv(tmp_path / "plan.csv", index=False)
+    program = tmp_path / "go.src"
+    words = ["compensate", str(tmp_path), str(tmp_path / "plan.csv"), "--format", "krl"]
+    CliRunner().invoke(run_command_line, [*words, "--out", str(program)])
+    written = " ".join(program.read_text().replace("; ", "").split())
+    assert f"Expected error of the target: {write_rounded(expected)} mm rms at the" in written
+    assert "single errors exceed it." in written
+    assert "mm at most" not in written
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")

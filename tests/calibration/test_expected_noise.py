@@ -14,7 +14,10 @@ from wide_calibration import wide
 
 from modelsel import Study, run_study
 from modelsel.calibration.calibration import Calibration
+from modelsel.calibration.calibration_file import calibration_text
 from modelsel.calibration.compensation import Commands, compensate_commands, note_commands
+from modelsel.calibration.loading import parse_calibration
+from modelsel.calibration.prediction import predict
 from modelsel.exceptions import write_rounded
 from modelsel.fitting.noise import Floor
 from modelsel.measurements.measurements import Measurements, build_measurements
@@ -98,6 +101,44 @@ def test_what_was_measured_is_no_statement(made) -> None:
     found = compensate_commands(measured, planned)
     assert (noise_of(found) > 0.3).all()
     assert told(measured, found, planned) == []
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_what_a_row_expects_does_not_depend_on_the_other_rows(made) -> None:
+    """The parameters' uncertainty is taken out of the held-out errors as it was there."""
+    c, planned = made
+    known = replace(showing(c, 0.5, STATED, np.inf), held_out_model_mm=0.3)
+    together = compensate_commands(known, planned)
+    alone = compensate_commands(known, planned.take(np.array([7])))
+    assert alone.expected_mm[0] == pytest.approx(together.expected_mm[7], rel=1e-9)
+    np.testing.assert_allclose(noise_of(together), np.sqrt(0.5**2 - 0.3**2 / 3))
+    restored = parse_calibration(calibration_text(known))
+    assert restored.held_out_model_mm == 0.3
+
+
+def test_uncertainty_at_held_out_rows_is_that_of_drawn_parameters(rng: np.random.Generator) -> None:
+    """Predictions with parameters that are drawn from their covariance differ by it."""
+    q = PUMA.draw(rng, 90)
+    position = flanges_of(PUMA, q)[:, :3, 3] + rng.normal(0, 0.05, (90, 3))
+    frame = pd.DataFrame({f"q{k + 1}_rad": q[:, k] for k in range(PUMA.n)})
+    frame[["x_mm", "y_mm", "z_mm"]] = position
+    study = Study(
+        name="held out",
+        robot={"name": "puma760", "tool_mm": [0, 0, 0]},
+        measurements=frame,
+        split={"estimation": 40},
+        model={"candidates": []},
+    )
+    result = run_study(study, sampling=False)
+    c = result.calibration
+    at = result.split.others
+    mean = predict(c, at)
+    width = c.factor.shape[1]
+    squares = [
+        np.square(predict(replace(c, theta=c.theta + c.factor @ draw), at) - mean).sum(1).mean()
+        for draw in rng.normal(size=(400, width))
+    ]
+    assert c.held_out_model_mm == pytest.approx(np.sqrt(np.mean(squares)), rel=0.1)
 
 
 @pytest.mark.integration

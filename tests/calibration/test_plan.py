@@ -43,6 +43,7 @@ from modelsel.mechanisms.terms import Screw, Term
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
 from modelsel.study.configuration_pool import describe_conditions
+from modelsel.study.learning_curve import describe_size
 from modelsel.study.planned_repeats import MAX_POSTURES, TIMES, format_repeats, plan_repeats
 from modelsel.study.planning import format_plan
 from modelsel.study.rival_sentences import describe_rivals, follows_gravity
@@ -486,6 +487,22 @@ def test_a_plan_proposes_repeats_and_writes_them_where_asked(fitted, tmp_path) -
         f"{100 / np.sqrt(2 * freedom):.0f} % of it (one standard error; {freedom} degrees of "
         "freedom)."
     )
+
+
+def test_learning_counts_configurations_that_estimate(fitted) -> None:
+    """A user measures more of them than estimate: the total is told at the study's own split."""
+    counts = fitted.record.configurations
+    total = counts.estimation + counts.held_out
+    planned = plan_next(fitted, 4)
+    (learning,) = [line for line in format_plan(planned) if line.startswith("Learning")]
+    assert learning.startswith(
+        f"Learning: {counts.estimation} of {total} measured configurations estimate; the smallest"
+    )
+    assert learning.endswith(" more that estimate.")
+    told = describe_size(replace(planned, configurations=24, measured=60), 0.05, 7)
+    assert "after 7 more configurations that estimate, of 18 in all where the split" in told
+    whole = describe_size(replace(planned, configurations=60, measured=60), 0.05, 7)
+    assert whole.endswith("probability after 7 more configurations that estimate.")
 
 
 def test_few_configurations_are_repeated_more_often(fitted) -> None:
