@@ -109,10 +109,26 @@ def test_an_angle_of_many_mrad_is_in_degrees() -> None:
     assert list(map(format_angle, (1.68e-6, 4e-4, 1.0))) == ["1.68 µrad", "0.400 mrad", "57.3°"]
 
 
-def entry(mechanism: str | None, *screws: tuple[int, str, str]) -> EntryRecord:
+def entry(mechanism: str | None, *screws: tuple[int, str, str], alike: bool = False) -> EntryRecord:
     """One entry of a credible set."""
     listed = [ScrewRecord(frame=frame, axis=axis, cause=cause) for frame, axis, cause in screws]
-    return EntryRecord(mechanism=mechanism, probability=0.3, alike=True, screws=listed)
+    return EntryRecord(mechanism=mechanism, probability=0.3, alike=alike, screws=listed)
+
+
+def test_nothing_is_promised_where_rivals_move_the_target_alike() -> None:
+    """sin(2 (q2 + pi / 2)) is -sin(2 q2): no configuration changes them independently."""
+    own = entry("encoder-eccentricity:2", (2, "rz", "sin(2*q2)"), (2, "rz", "cos(2*q2)"))
+    twice = (2, "rz", "sin(2*(q2+1.570796327))")
+    once = (2, "rz", "sin(q2+1.570796327)")
+    (told,) = advise_separation([own, entry("counterbalance", once, twice, alike=True)])
+    assert told == (
+        "encoder-eccentricity:2 and counterbalance move the target in the same way wherever it was "
+        "measured: either corrects the error there. modelsel plan says whether other configurations "
+        "would tell them apart."
+    )
+    warm = entry("thermal-zero", (2, "rz", "temperature_C"), alike=True)
+    (told,) = advise_separation([own, warm])
+    assert told.endswith("configurations are measured again at another time of the campaign.")
 
 
 def test_what_tells_apart_names_both_and_what_they_differ_in() -> None:

@@ -282,6 +282,11 @@ def _advise(label: str, first: EntryRecord, rival_label: str, rival: EntryRecord
     remedy = _remedy(set(first.causes) ^ set(rival.causes))
     if remedy is not None:
         return f"{pair} can be told apart when the same configurations are {remedy}."
+    if rival.alike:
+        return (
+            f"{pair} move the target in the same way wherever it was measured: either corrects the error there. "
+            "modelsel plan says whether other configurations would tell them apart."
+        )
     causes = f"{_join_causes(first)} against {_join_causes(rival)}"
     return (
         f"{pair} have different causes ({causes}): configurations in which these change independently of each other tell "
