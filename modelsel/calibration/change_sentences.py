@@ -65,7 +65,16 @@ def _describe_followed(change: MechanismChange) -> str:
 
 
 def _describe_single(change: MechanismChange) -> str:
-    """Describe a mechanism that one campaign alone has named."""
+    """Describe a mechanism that one campaign alone has named, and what it may be in the other."""
+    told = _describe_size_and_limit(change)
+    if change.perhaps is None:
+        return told
+    other = CAMPAIGN_NAMES[change.only_in == CAMPAIGN_NAMES[0]]
+    return f"{told} It may be the same error as {change.perhaps} of the {other}, which moves the target much alike."
+
+
+def _describe_size_and_limit(change: MechanismChange) -> str:
+    """Describe how much a mechanism of one campaign moves, and from where the other would name it."""
     is_first = change.only_in == CAMPAIGN_NAMES[0]
     named, other = CAMPAIGN_NAMES if is_first else CAMPAIGN_NAMES[::-1]
     largest = change.before_mm if is_first else change.after_mm

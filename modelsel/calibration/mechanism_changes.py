@@ -26,6 +26,7 @@ SIGNIFICANCE = 0.05
 SIGNIFICANCE_BESIDE = 0.01  # of a size none of whose terms changed, asked beside all of these
 GEOMETRY_NAMES = ("geometric", SETUP)
 MIN_COSINE = 0.95  # of two motions that are one under two names
+MIN_COSINE_PERHAPS = 0.7  # of two that may be: half of what they move is common
 POWER_QUANTILE = 1.28  # standard errors beyond the level's own: a change so large is seen with 90 %
 NAMING_THRESHOLD = 5.4  # standard errors from which a search among thousands names with 90 %
 # certain, else possible
@@ -56,6 +57,8 @@ class MechanismChange:
     only_in: str | None = None
     # how far it turned the target in each campaign (rms), where both measured orientations
     turns_mrad: tuple[float, float] | None = None
+    # of one named in one campaign alone: what the other alone has named, and moves the target much alike
+    perhaps: str | None = None
 
 
 def label_mechanism(name: str) -> str:
@@ -207,8 +210,25 @@ def compare_mechanisms(motions: Motions, moved: set[str]) -> tuple[MechanismChan
             change = _judge_single(motions, campaign, name)
             named = (name, None) if campaign == 0 else (None, name)
             turns = _measure_turns(motions, *named)
-            changes.append(replace(change, turns_mrad=turns))
+            others = appeared if campaign == 0 else disappeared
+            likest = _find_likest(motions, campaign, name, [o for o in others if o not in renamed])
+            changes.append(replace(change, turns_mrad=turns, perhaps=likest))
     return tuple(changes)
+
+
+def _find_likest(motions: Motions, campaign: int, name: str, others: list[str]) -> str | None:
+    """Find which of the other campaign's mechanisms moves the target most like one of a campaign's;
+    None where none is much alike. Campaigns call one error differently where neither is sure of it."""
+    own = motions.locate_mechanisms(campaign)[name]
+    places = motions.locate_mechanisms(1 - campaign)
+    motion = motions.whole(campaign, own)
+    cosines = {
+        other: _cosine(motion, motions.whole(1 - campaign, places[other])) for other in others
+    }
+    likest = max(cosines, key=cosines.__getitem__, default=None)
+    if likest is None or cosines[likest] < MIN_COSINE_PERHAPS:
+        return None
+    return label_mechanism(likest)
 
 
 def _measure_turns(

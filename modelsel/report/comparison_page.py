@@ -166,13 +166,13 @@ def _write_findings(campaigns: Pair, comparison: Comparison) -> str:
         words = describe_change(change)
         said.update(dict.fromkeys(change.labels, words))
     rows = [list(_write_match(campaigns, match, said)) for match in matches]
-    heads = ["named in", "first", "second", "change"]
+    heads = ["found in", "first", "second", "change"]
     aligned_heads = _align(heads, 0)
     return write_html_table(aligned_heads, rows, "findings")
 
 
 def _write_match(campaigns: Pair, match: Match, said: dict[str, str]) -> Iterator[str]:
-    """Write where a finding was named, what each study says of it, and how it changed."""
+    """Write where a finding was made, what each study says of it, and how it changed."""
     named = [side for side, k in zip(SIDES, match, strict=True) if k is not None]
     yield "both" if len(named) == 2 else f"the {named[0]} only"
     names = []

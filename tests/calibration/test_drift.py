@@ -537,6 +537,26 @@ def test_one_motion_under_two_names(rng) -> None:
     assert only.after_mm == pytest.approx(2 * only.before_mm, rel=0.1)
 
 
+@pytest.mark.parametrize(("beside_mm", "is_told"), [(0.2, True), (1.0, False)])
+def test_two_names_of_motions_that_are_much_alike_may_be_one_error(beside_mm, is_told, rng) -> None:
+    """One of them also shifts the target, by less or by more than it has in common with the other."""
+    from modelsel.mechanisms.causes import cos, q, sin
+    from modelsel.mechanisms.terms import Mechanism
+
+    common = Term("h", (Screw(3, "rz", cos(q(2) + q(3))),))
+    beside = Term("h1", (Screw(3, "ty", sin(q(4))),))
+    twist, cell = Mechanism("joint3-twist", (common,)), Mechanism("cell", (common, beside))
+    geometry, theta = truth(("geometric",))
+    a, b = Model((*geometry.mechanisms, twist)), Model((*geometry.mechanisms, cell))
+    found = compare_campaigns(
+        calibrated(rng, a, np.r_[theta, 1e-3]), calibrated(rng, b, np.r_[theta, 1e-3, beside_mm])
+    )
+    said = [describe_change(one) for one in found.mechanisms]
+    for words, other in zip(said, ("cell of the second", "joint3-twist of the first"), strict=True):
+        told = f" It may be the same error as {other}, which moves the target much alike."
+        assert words.endswith(told) == is_told, words
+
+
 def test_a_drift_within_the_second_campaign_came_and_is_no_change_of_the_geometry(rng) -> None:
     geometry, theta = truth(("geometric",))
     drifting = Model((*geometry.mechanisms, mechanism("tracker-drift", ROBOT)))

@@ -279,6 +279,11 @@ def _advise(label: str, first: EntryRecord, rival_label: str, rival: EntryRecord
             f"{pair} have the same cause at {cells[0][0]} and {rival_cells[0][0]}: a second target off the last axis, or "
             "measured orientations, may tell them apart; where no target can, either name corrects the same error."
         )
+    return _advise_by_cause(pair, first, rival)
+
+
+def _advise_by_cause(pair: str, first: EntryRecord, rival: EntryRecord) -> str:
+    """Return what would tell two entries with different causes apart."""
     remedy = _remedy(set(first.causes) ^ set(rival.causes))
     if remedy is not None:
         return f"{pair} can be told apart when the same configurations are {remedy}."
