@@ -32,4 +32,4 @@ def write_fleet(studies: Sequence[Mapping[str, Any]], width: int) -> list[str]:
 def _write_study(study: Mapping[str, Any]) -> Row:
     measured = f"{study['estimation'] + study['held_out']:,}"
     errors = [format_mm(study[f"{model}_mm"]) for model in SHOWN_ERRORS]
-    return Row(study["name"], [measured, *errors], study["found"] or "–")
+    return Row(study["name"], [measured, *errors], study["found_as"] or "–")

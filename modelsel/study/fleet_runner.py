@@ -34,6 +34,7 @@ from ..results.storage import REPORTS, WRITES
 from ..robot.files import builtin_names, load_robot
 from ..robot.kinematics import Robot
 from ..selection.streaming import Parts, fit_parts, list_parts
+from .found_names import write_found_names
 from .inputs import read_nominal_robot
 from .pipeline import record_provenance
 from .robot_tables import read_any_robot
@@ -57,6 +58,7 @@ SUMMARY_COLUMNS = (
     "found",
     "warnings",
     "why",
+    "found_as",
 )
 SCHEDULER_TIMEOUT_S = 20
 
@@ -264,13 +266,14 @@ def _read_row(name: str, folder: Path) -> Row:
         "found": " + ".join(named),
         "warnings": " + ".join(codes),
         "why": "",
+        "found_as": write_found_names(named, record.get("findings", ())),
     }
 
 
 def _make_failed_row(name: str, why: str, code: int) -> Row:
     row: Row = dict.fromkeys(SUMMARY_COLUMNS)
     row |= {"name": name, "state": "failed", "found": "", "warnings": "", "why": why, "exit": code}
-    return row
+    return row | {"found_as": ""}
 
 
 def _make_broken_row(name: str, error: BaseException) -> Row:

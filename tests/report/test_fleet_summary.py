@@ -26,6 +26,7 @@ def make_study(name: str, folder: Path, codes: tuple[str, ...]) -> dict[str, Any
     counts = {"estimation": 60, "held_out": 40, "exit": 0}
     found = "encoder-eccentricity:1 + approach-backlash:3"
     words = {"name": name, "state": "done", "robot": "ur5", "found": found}
+    words["found_as"] = f"{found} (doubtful)"
     return {**words, **counts, **errors, "warnings": " + ".join(codes)}
 
 
@@ -41,8 +42,19 @@ def test_notes_are_counted_and_told_once_on_one_page(tmp_path) -> None:
     (page,) = read_pages(rows, tmp_path)
     assert "Warnings" not in page
     assert "found beyond the base notes" in page
+    assert page.count("approach-backlash:3 (doubtful)") == len(rows)
     for code in NOTES:
         assert page.count(f"What {code} says.") == 1
+
+
+def test_words_of_one_study_are_not_those_of_the_others(tmp_path) -> None:
+    """What a note quotes may hold in one study alone; the same words are nobody's."""
+    rows = [make_study(f"arm{k}", tmp_path, NOTES) for k in range(3)]
+    notes = [{"code": code, "sentence": f"Other {code}."} for code in NOTES[:1]]
+    (tmp_path / "arm2" / "result.json").write_text(json.dumps({"warnings": notes}))
+    (page,) = read_pages(rows, tmp_path)
+    assert f"arm0: What {NOTES[0]} says. The others have other words." in page
+    assert f"arm0: What {NOTES[1]}" not in page
 
 
 @pytest.mark.parametrize(("count", "of"), [(1, "1 study"), (2, "2 studies")])

@@ -186,7 +186,7 @@ def test_columns_that_do_not_fit_stand_in_a_table_below() -> None:
 def test_fleet_cuts_no_name() -> None:
     found = "encoder-eccentricity:1 + approach-backlash:3 + joint-compliance:2"
     errors = {"nominal_mm": 1.967, "base_mm": 0.334, "chosen_mm": 0.042}
-    done = {"state": "done", "estimation": 60, "held_out": 1000, "found": found, **errors}
+    done = {"state": "done", "estimation": 60, "held_out": 1000, "found_as": found, **errors}
     failed = {"state": "failed", "name": "broken", "why": "no such column"}
     lines = write_fleet([{"name": "Zelle 7 nach dem Crash", **done}, failed], 80)
     assert max(map(len, lines)) <= 80

@@ -359,7 +359,7 @@ def test_the_base_of_an_own_ladder_is_its_rung(tmp_path) -> None:
     (tmp_path / "details.json").write_text(json.dumps({"base": 2}))
     row = _read_row("own ladder", tmp_path)
     assert (row["nominal_mm"], row["base_mm"], row["chosen_mm"]) == (1.0, 0.2, 0.05)
-    assert row["found"] == "overshoot:4"
+    assert (row["found"], row["found_as"]) == ("overshoot:4", "overshoot:4")
 
 
 def test_the_file_of_a_wrong_study_is_said_once(folder) -> None:

@@ -139,7 +139,8 @@ def _write_findings(done: Sequence[Row]) -> list[Block]:
     columns = [("found", "left"), ("studies", "right"), ("which", "left")]
     of_studies = count_words(len(done), "study")
     caption = (
-        f"What the chosen models of {of_studies} have beyond the base, and how often it was found."
+        f"What the chosen models of {of_studies} have beyond the base, and how often it was found; what is "
+        "not proven of it stands study by study."
     )
     more = len(ranked) - MAX_NAMES
     if more > 0:
@@ -184,7 +185,7 @@ def _study_line(row: Row) -> list[str]:
         row["robot"] or "–",
         f"{row['estimation'] + row['held_out']:,}",
         *(format_mm(row[column]) for column in ERROR_COLUMNS),
-        row["found"] or nothing,
+        row["found_as"] or nothing,
         _count_notes(row),
     ]
 
@@ -216,18 +217,22 @@ def _failure_line(row: Row) -> list[str]:
 
 def _write_notes(done: Sequence[Row], out: Path) -> list[Block]:
     """Write every kind of warning, then of note, once, in the words of the first study that has it."""
-    sentences: dict[str, str] = {}
+    sentences: dict[str, dict[str, None]] = {}
     studies: dict[str, dict[str, Row]] = {}
     for row in done:
         for note in _read_notes(row, out):
             code = note["code"]
-            sentences.setdefault(code, note["sentence"])
+            sentences.setdefault(code, {})[note["sentence"]] = None
             studies.setdefault(code, {})[row["name"]] = row
     blocks: list[Block] = []
     for title, word in (("Warnings", "warning"), ("Notes", "note")):
         lines = [
-            [code, shorten(sentence, LONGEST_NOTE), _list_studies(list(studies[code].values()))]
-            for code, sentence in sentences.items()
+            [
+                code,
+                _write_note(list(told), list(studies[code])),
+                _list_studies(list(studies[code].values())),
+            ]
+            for code, told in sentences.items()
             if (code in ALARMS) == (word == "warning")
         ]
         if lines:
@@ -236,6 +241,14 @@ def _write_notes(done: Sequence[Row], out: Path) -> list[Block]:
             table = make_table(columns, lines, caption, [0.35, 1.0, 0.5])
             blocks += [make_heading(title), table]
     return blocks
+
+
+def _write_note(sentences: Sequence[str], studies: Sequence[str]) -> str:
+    """Write a note in the words of the first study that has it, whose they are where others differ."""
+    first = shorten(sentences[0], LONGEST_NOTE)
+    if len(sentences) == 1:
+        return first
+    return f"{shorten(studies[0], LONGEST_STUDY)}: {first} The others have other words."
 
 
 def _read_notes(row: Row, out: Path) -> list[dict[str, str]]:
