@@ -10,6 +10,8 @@ from typing import Any
 from .._json import to_plain
 from .._records import parse_record
 from .._short_numbers import round_numbers
+from ..calibration.calibration import calibrate
+from ..calibration.held_out_uncertainty import measure_held_out_uncertainty
 from ..diagnosis.candidates import Candidate
 from ..diagnosis.claim_sentences import is_settled, list_likelier, tell_rest
 from ..diagnosis.effects import Effect
@@ -84,7 +86,7 @@ def _verdict(run: StudyRun, named: NamedErrors) -> tuple[str, ...]:
     models, diagnosis = run.models, run.diagnosis
     nominal = models.ladder[0]
     unrepeated = measure_unrepeated(diagnosis.search.errors, run.floor)
-    noise = Noise(run.floor, unrepeated)
+    noise = Noise(run.floor, unrepeated, _measure_model(run))
     sentences = write_verdict(
         nominal,
         models.chosen,
@@ -104,6 +106,13 @@ def _verdict(run: StudyRun, named: NamedErrors) -> tuple[str, ...]:
         return told
     gained, *others = told
     return gained + advise_nominal(models.gain, orientation), *others
+
+
+def _measure_model(run: StudyRun) -> float:
+    """Measure the chosen model's own uncertainty [mm] at the held-out rows; 0 where it is not known."""
+    fitted = run.models.chosen.fit
+    c = calibrate(run.study.name, run.split, fitted, run.floor, None, False, run.provenance)
+    return measure_held_out_uncertainty(c, run.split) or 0.0
 
 
 def collect_named(diagnosis: Explanation, figures: FindingFigures) -> list[Named]:

@@ -18,7 +18,7 @@ from .map_details import MIN_DISPLACEMENT
 from .small_findings import MIN_GROUPED, write_number
 
 SHOWN_NAMES = 6  # in a sentence
-CLEARLY_MORE = 1.1  # factor by which what noise leaves is more with what else does not repeat
+CLEARLY_MORE = 1.1  # factor by which what noise leaves is more with what else is left
 FREE_FUNCTION = re.compile(r"free\(([^()]+)\)")  # in a name
 
 
@@ -57,10 +57,12 @@ class NamedErrors(NamedTuple):
 
 
 class Noise(NamedTuple):
-    """The noise floor, and the rms [mm] at the target of what does not repeat and is not in it."""
+    """The noise floor, and the rms [mm] at the target of what does not repeat and is not in it, and of
+    what the chosen model does not know of held-out rows."""
 
     floor: Floor
     unrepeated_mm: float = 0.0
+    model_mm: float = 0.0
 
 
 def write_verdict(
@@ -119,14 +121,24 @@ def _change_verb(before: float, after: float) -> str:
 
 
 def _describe_noise(noise: Noise) -> str:
-    """Return what noise alone would leave, and, where that is clearly more, with what else does not repeat."""
+    """Return what noise alone would leave, and, where that is clearly more, with what else does not repeat
+    and with what the model does not know."""
     floor = noise.floor
     alone = _rms_length(floor)
     words = f"noise of {write_rounded(floor.coordinate_mm)} mm per coordinate ({floor.source}) would leave {write_rounded(alone)} mm"
-    both = hypot(alone, noise.unrepeated_mm)
-    if both < CLEARLY_MORE * alone:
+    left = alone
+    others = []
+    for more_mm, what in (
+        (noise.unrepeated_mm, "what else does not repeat"),
+        (noise.model_mm, "the model's own uncertainty"),
+    ):
+        both = hypot(left, more_mm)
+        if both >= CLEARLY_MORE * left:
+            left = both
+            others.append(what)
+    if not others:
         return words
-    return f"{words}, and with what else does not repeat {write_rounded(both)} mm"
+    return f"{words}, and with {sentence_list(others)} {write_rounded(left)} mm"
 
 
 def _describe_gain(nominal: Evaluation, chosen: Evaluation, gain: Gain, noise: str) -> str:

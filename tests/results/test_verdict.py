@@ -70,11 +70,22 @@ def test_what_else_does_not_repeat_is_left_too() -> None:
     # a floor holds what every row has by itself
     for one in (Floor(0.03, "target pairs", 40), Floor(0.03, "stated"), Floor(0.03, "instrument")):
         assert measure_unrepeated(deeper, one) == pytest.approx(np.hypot(0.06, 0.09))
-    for more, words in (
-        (0.06, "would leave 0.0520 mm, and with what else does not repeat 0.0794 mm."),
-        (0.01, "would leave 0.0520 mm."),
+    for noise, words in (
+        (
+            Noise(FLOOR, 0.06),
+            "would leave 0.0520 mm, and with what else does not repeat 0.0794 mm.",
+        ),
+        (Noise(FLOOR, 0.01), "would leave 0.0520 mm."),
+        (Noise(FLOOR, 0.01, 0.02), "would leave 0.0520 mm."),
+        (
+            Noise(FLOOR, 0.0, 0.06),
+            "would leave 0.0520 mm, and with the model's own uncertainty 0.0794 mm.",
+        ),
+        (
+            Noise(FLOOR, 0.06, 0.06),
+            "would leave 0.0520 mm, and with what else does not repeat and the model's own uncertainty 0.0995 mm.",
+        ),
     ):
-        noise = Noise(FLOOR, more)
         none = NamedErrors([])
         first = write_verdict(rung(3.0), rung(0.5), GAIN, noise, none, "all", LEFT)[0]
         assert first.endswith(words)
