@@ -78,9 +78,11 @@ def _try(where: str, robot: str | None, as_json: bool) -> None:
 
 def _describe_trial(trial: Trial) -> str:
     name = trial.mechanism
-    if not trial.robot:
-        return f"{name} applies to none of the robots tried"
     outcome = "; ".join(trial.broken) or "obeys the laws"
+    if not trial.robot:
+        return (
+            f"{name}: {outcome}" if trial.broken else f"{name} applies to none of the robots tried"
+        )
     return f"{name} on {trial.robot}: {outcome}"
 
 

@@ -19,13 +19,16 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import StudyError
-from ..mechanisms.registry import Registry, build_mechanisms, find_entry_problem
+from ..mechanisms.registry import BUILTIN, Registry, build_mechanisms, find_entry_problem
 from ..robot.kinematics import Robot
 from ..testing import find_broken_laws
 
 TEMPLATES = "plugin_template"  # folder of the files of a new package
 SUFFIX = ".template"
 NAME_PATTERN = "[a-z][a-z0-9_-]{0,99}"
+TAKEN = (
+    "this name is taken by a built-in mechanism, which is not replaced: studies leave this one out"
+)
 
 
 def render_plugin(name: str) -> dict[str, str]:
@@ -95,7 +98,7 @@ def _import_file(path: Path) -> ModuleType:
 @dataclass(frozen=True)
 class Trial:
     """One mechanism tried on one robot and the laws it breaks; `robot` is empty where an entry
-    applies to none."""
+    applies to none, or is tried on none as its name is taken."""
 
     mechanism: str
     robot: str
@@ -106,6 +109,9 @@ def try_mechanisms(entries: Registry, robots: Sequence[Robot]) -> list[Trial]:
     """Check the laws for every part of every entry on every robot to which it applies."""
     trials = list[Trial]()
     for name, entry in entries.items():
+        if name in BUILTIN:
+            trials.append(Trial(name, "", [TAKEN]))
+            continue
         on_robots = list[Trial]()
         for robot in robots:
             on_robots += _try_entry(name, entry, robot)

@@ -19,15 +19,17 @@ from ..robot.gravity import find_bearing_joints
 from ..robot.kinematics import Robot
 from . import compliance, drives, environment, geometry, gravity_effects, instrument, motors
 from . import target_names as by_target
+from .entry_joints import Joints, list_joints
 from .terms import Mechanism, unstorable
 
 
 @dataclass(frozen=True)
 class PerJoint:
-    """A mechanism that exists once a joint: `build(robot, joint)` for each of `joints(robot)`."""
+    """A mechanism that exists once a joint: `build(robot, joint)` for each of `joints`, which are
+    their numbers or a function of the robot that returns them."""
 
     build: Callable[[Robot, int], Mechanism]
-    joints: Callable[[Robot], tuple[int, ...]]
+    joints: Joints
 
 
 @dataclass(frozen=True)
@@ -40,7 +42,7 @@ class Scanned:
 
     build: Callable[..., Mechanism]
     constants: Callable[..., tuple[float, ...]]
-    joints: Callable[[Robot], tuple[int, ...]] | None = None
+    joints: Joints | None = None
     range: tuple[float, float] | None = None
     targets: tuple[str, ...] | None = None
     numbers: tuple[int, ...] = ()
@@ -259,9 +261,7 @@ def _choose_joints(
 ) -> tuple[int, ...]:
     """Choose the joints of an entry that a name stands for: one, or all that it applies to. Raises
     StudyError for a joint that it does not apply to."""
-    joints: tuple[int, ...] = ()
-    if entry.joints is not None:
-        joints = entry.joints(robot)
+    joints = list_joints(name, entry.joints, robot)
     if joint is None:
         return joints
     words = [str(j) for j in joints]

@@ -21,7 +21,14 @@ from modelsel.cli.plugins import Trial, load_plugin, render_plugin, try_mechanis
 from modelsel.config.study_tables import ModelTable
 from modelsel.exceptions import StudyError
 from modelsel.mechanisms.causes import Named, Number, q
-from modelsel.mechanisms.registry import BUILTIN, find_entry_problem, mechanism, with_plugins
+from modelsel.mechanisms.registry import (
+    BUILTIN,
+    PerJoint,
+    every,
+    find_entry_problem,
+    mechanism,
+    with_plugins,
+)
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load_robot
 from modelsel.study.runner import run_study
@@ -317,3 +324,26 @@ def test_same_robots_same_words(tmp_path) -> None:
         == [Trial("m", "puma760", [])]
     )
     assert np.all([trial.robot for trial in try_mechanisms(entries, [PUMA, load_robot("ur5")])])
+
+
+def test_a_name_that_is_taken_obeys_no_law(tmp_path) -> None:
+    """As an installed plug-in it is left out, however lawful it is."""
+    (trial,) = try_mechanisms({"geometric": lambda robot: bad(name="geometric")}, [PUMA])
+    assert "taken by a built-in mechanism" in " ".join(trial.broken)
+    module = 'def mechanisms():\n    return {"geometric": lambda robot: None}\n'
+    (tmp_path / "dup.py").write_text(module)
+    words = ["mechanisms", "--test", str(tmp_path / "dup.py")]
+    ran = CliRunner().invoke(run_command_line, words)
+    assert ran.exit_code == 5
+    assert ran.stdout.startswith("geometric: this name is taken by a built-in mechanism")
+
+
+def test_joints_may_be_numbers() -> None:
+    """Those that the robot has are built, as by a function that returns them."""
+
+    def build(robot, joint):
+        return bad(name=f"m:{joint}", terms=(Term(f"k{joint}", (Screw(joint, "rz", q(3)),)),))
+
+    listed = every(PUMA, {"m": PerJoint(build, (1, 3, 7))})
+    assert listed == every(PUMA, {"m": PerJoint(build, lambda robot: (1, 3))})
+    assert [one.name for one in listed] == ["m:1", "m:3"]

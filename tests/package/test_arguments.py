@@ -198,6 +198,10 @@ def lever(frame: int = 2) -> Mechanism:
         ),
         (None, "a function robot -> Mechanism, PerJoint or Scanned was expected, found NoneType."),
         (PerJoint(lambda robot, joint: joint, lambda robot: (1,)), "a Mechanism was expected"),
+        (
+            PerJoint(lambda robot, joint: lever(), ("q1",)),
+            "joints: their numbers, as (1, 2, 3), or a function robot -> numbers was expected",
+        ),
     ],
 )
 def test_an_entry_that_builds_no_mechanism_is_refused_by_its_name(problem, entry, words) -> None:

@@ -1,0 +1,28 @@
+"""The joints that an entry of the registry exists for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from .._arguments import describe_value
+from ..exceptions import StudyError
+from ..robot.kinematics import Robot
+
+Joints = Callable[[Robot], tuple[int, ...]] | Sequence[int]
+
+
+def list_joints(name: str, joints: Joints | None, robot: Robot) -> tuple[int, ...]:
+    """List the joints of an entry on a robot: those that a function returns for it, or, of numbers
+    that are given, those that it has. Raises StudyError where they are neither."""
+    if joints is None:
+        return ()
+    if callable(joints):
+        return joints(robot)
+    is_listed = isinstance(joints, (tuple, list))
+    if not is_listed or not all(type(joint) is int for joint in joints):
+        found = describe_value(joints)
+        raise StudyError(
+            f'the registry\'s "{name}": joints: their numbers, as (1, 2, 3), or a function robot -> '
+            f"numbers was expected, found {found}."
+        )
+    return tuple(joint for joint in joints if 1 <= joint <= robot.n)
