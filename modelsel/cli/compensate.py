@@ -287,9 +287,13 @@ def _figures(commands: Commands) -> dict[str, Any]:
 
 def _sentence(commands: Commands, slides: NDArray[np.bool_]) -> str:
     """Describe the errors without and with correction, and the largest change of a joint."""
-    before = f"{commands.before_mm.mean():.3f} mm on average and {commands.before_mm.max():.3f} mm at most"
+    many = len(commands.before_mm) > 1
+    on_average = " on average" if many else ""
+    before = f"{commands.before_mm.mean():.3f} mm{on_average}"
+    if many:
+        before += f" and {commands.before_mm.max():.3f} mm at most"
     after = (
-        f"an error of {commands.expected_mm.mean():.3f} mm on average is expected when it is measured, of which the "
+        f"an error of {commands.expected_mm.mean():.3f} mm{on_average} is expected when it is measured, of which the "
         f"model's own uncertainty is {commands.model_mm.mean():.3f} mm{_describe_unreached(commands)}"
     )
     return (

@@ -191,6 +191,8 @@ def _list_cards(mechanisms: Sequence[Mechanism]) -> list[dict[str, Any]]:
 
 
 def _print_card(card: dict[str, Any], *, in_full: bool) -> None:
+    from .._short_numbers import round_numbers
+
     constants = card["constants"]
     scanned = ""
     if constants > 1:
@@ -207,7 +209,7 @@ def _print_card(card: dict[str, Any], *, in_full: bool) -> None:
     print_prose(f"    equation  {equation}")
     print_prose(f"    source    {source}")
     for term in card["terms"]:
-        screws = ", ".join(term["screws"])
+        screws = round_numbers(", ".join(term["screws"]))
         symbol = f"{term['symbol']:8}"
         unit = term["unit"]
         expected = term["expected"]

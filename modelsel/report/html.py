@@ -18,6 +18,7 @@ from ..results.placements import describe_placements
 from ..results.schema import RegistrationRecord, StudyRecord
 from ..results.small_findings import split_findings
 from ..results.study_sentences import (
+    describe_doubt,
     describe_split,
     label_entries,
     opening_sentences,
@@ -130,7 +131,7 @@ def _page_data(source: Source) -> dict[str, Any]:
         "own": [_find_own_cells(record, finding) for finding in record.findings],
         "kindred": [find_kindred_cells(record, finding) for finding in record.findings],
         "told": told,
-        "verdicts": [finding.told_verdict for finding in record.findings],
+        "verdicts": [one.told_verdict + describe_doubt(one) for one in record.findings],
         "grouped": grouped,
         "small": "" if small is None else small.sentence,
         "figures": [write_figures(finding) for finding in record.findings],

@@ -216,7 +216,9 @@ class FindingRecord(StrictRecord):
     credible_set: Annotated[list[EntryRecord], Field(min_length=1)] = Field(
         description="explanations, the most probable first, until their probabilities add up to 0.95 or "
         "20 entries are listed: `mechanism` (null for a cell of the error map), "
-        "`label` (its name in words), `probability`, `alike` (moves the target as the first one does), `screws` (`frame "
+        "`label` (its name in words), `probability` (among all explanations that were weighed; beside a finding's "
+        "name it is told times the share of shapes that are in no list, so that the name is as probable as its "
+        "level in `levels`), `alike` (moves the target as the first one does), `screws` (`frame "
         "axis cause`, and `values` at every estimation row if the cause is a free function or "
         "uses a name that is neither a joint reading nor a column of the file)"
     )

@@ -252,6 +252,13 @@ def write_levels(finding: FindingRecord) -> str:
     return f"Probability, level by level{of}: {levels}{rest}."
 
 
+def describe_doubt(finding: FindingRecord) -> str:
+    """Return what follows the verdict of a doubtful finding; nothing where it is not."""
+    if not finding.doubtful:
+        return ""
+    return ", but doubtful" if finding.is_found else ", and doubtful"
+
+
 def write_finding_line(finding: FindingRecord) -> str:
     """Return a finding in one line of a terminal."""
     if finding.first.is_fault:
@@ -260,8 +267,7 @@ def write_finding_line(finding: FindingRecord) -> str:
     claim = finding.claim
     if finding.is_found and claim is not None and claim.probability < PROVEN:
         verdict += ", not named"
-    if finding.doubtful:
-        verdict += ", but doubtful" if finding.is_found else ", and doubtful"
+    verdict += describe_doubt(finding)
     levels = write_levels(finding)
     line = f"{verdict}: {finding.sentence} {levels}"
     return line.rstrip()

@@ -13,6 +13,7 @@ from .finding_schema import FindingRecord
 from .model_schema import RungRecord
 from .schema import ErrorPartRecord, StudyRecord
 from .small_findings import split_findings
+from .study_sentences import describe_doubt
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -262,21 +263,19 @@ def _notebook_ladder(record: StudyRecord) -> str:
     return _html_table(head, rows)
 
 
+def _show_finding(finding: FindingRecord) -> list[str]:
+    """Return a finding as a row of a notebook."""
+    verdict = finding.told_verdict + describe_doubt(finding)
+    name = finding.fitted_entry.name
+    probability = format_probability(finding.alike)
+    return [escape(name), escape(verdict), probability, escape(finding.sentence)]
+
+
 def _notebook_findings(record: StudyRecord) -> str:
     if not record.findings:
         return ""
     told, grouped = split_findings(record.findings, record.small_findings)
-    rows = []
-    for finding in [record.findings[k] for k in told]:
-        doubt = ", but doubtful" if finding.doubtful else ""
-        rows.append(
-            [
-                escape(finding.fitted_entry.name),
-                escape(f"{finding.told_verdict}{doubt}"),
-                format_probability(finding.alike),
-                escape(finding.sentence),
-            ]
-        )
+    rows = [_show_finding(record.findings[k]) for k in told]
     table = _html_table(["named", "verdict", "probability", "what"], rows)
     if grouped and record.small_findings is not None:
         table += f"<p>{escape(record.small_findings.sentence)}</p>"

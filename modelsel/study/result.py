@@ -189,7 +189,9 @@ class Result:
 
     @property
     def uncertainty(self) -> Confidence:
-        """How sure the chosen model's parameters are."""
+        """How sure the chosen model's parameters are: `parameters` with their intervals; `sampling`, the
+        sampled posterior (None where nothing was sampled), whose `chain` (steps, walkers, numbers), `names`,
+        `to_dataframe()` and `to_arviz()` have the draws."""
         return self.run.uncertainty
 
     def with_uncertainty(self, uncertainty: Confidence) -> Result:

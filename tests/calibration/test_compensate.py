@@ -505,6 +505,18 @@ def test_a_corrected_command_beyond_a_limit_is_said(made, tmp_path) -> None:
         correct(c, data.to_frame().drop(columns=["configuration", "order"]))
 
 
+def test_of_one_row_there_is_no_average(made) -> None:
+    from modelsel.cli.compensate import _sentence
+
+    c, at = made
+    slides = np.array(c.robot.prismatic)
+    one = _sentence(compensate_commands(c, plan(at, slice(1, 2))), slides)
+    assert "on average" not in one
+    assert "mm at most" not in one
+    more = _sentence(compensate_commands(c, plan(at, slice(1, 4))), slides)
+    assert "mm on average and " in more
+
+
 def test_a_program_states_an_rms_error_and_no_bound(made, tmp_path) -> None:
     c, at = made
     data = plan(at, slice(1, 30))

@@ -338,6 +338,13 @@ def test_a_name_that_is_taken_obeys_no_law(tmp_path) -> None:
     assert ran.stdout.startswith("geometric: this name is taken by a built-in mechanism")
 
 
+def test_long_numbers_of_causes_are_rounded() -> None:
+    ran = CliRunner().invoke(
+        run_command_line, ["mechanisms", "counterbalance", "--robot", "irb1600"]
+    )
+    assert "sin(q2+1.571)" in ran.stdout
+
+
 def test_joints_may_be_numbers() -> None:
     """Those that the robot has are built, as by a function that returns them."""
 

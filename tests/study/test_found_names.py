@@ -6,6 +6,9 @@ from typing import Any
 
 import pytest
 
+from modelsel._records import parse_record
+from modelsel.results.finding_schema import FindingRecord
+from modelsel.results.study_sentences import describe_doubt
 from modelsel.study.found_names import write_found_names
 
 LEVELS = ("place", "drivers", "shape", "cause")
@@ -47,3 +50,13 @@ def test_what_is_not_proven_stands_beside_the_name(verdict, cause, doubtful, tol
     names = ["joint-compliance:2", "zero-step:1"]
     assert write_found_names(names, [finding]) == f"{told} + zero-step:1"
     assert write_found_names([], [finding]) == ""
+
+
+@pytest.mark.parametrize(
+    ("verdict", "told"), [("found", ", but doubtful"), ("cannot be told apart", ", and doubtful")]
+)
+def test_a_doubt_is_no_contrast_to_an_open_name(verdict, told) -> None:
+    doubtful = make_finding("backlash:2", verdict, 0.4, doubtful=True)
+    assert describe_doubt(parse_record(doubtful, FindingRecord)) == told
+    sure = make_finding("backlash:2", verdict, 0.97, doubtful=False)
+    assert not describe_doubt(parse_record(sure, FindingRecord))

@@ -65,7 +65,7 @@
       if (data.figures[k]) what.append(el("p", { class: "quiet", text: data.figures[k] }));
       what.append(el("p", { text: `What to do. ${short}` }));
       rows.append(el("tr", {}, el("td", {}, open(k)), what, el("td", { "data-head": "worth, rms", text: worth }),
-        el("td", { "data-head": "verdict", text: f.doubtful ? `${data.verdicts[k]}, but doubtful` : data.verdicts[k] })));
+        el("td", { "data-head": "verdict", text: data.verdicts[k] })));
     });
     findings.append(table, el("p", { class: "quiet", text: data.worth }));
     if (data.grouped.length) {
