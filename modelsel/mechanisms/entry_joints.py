@@ -11,7 +11,7 @@ from ..robot.kinematics import Robot
 Joints = Callable[[Robot], tuple[int, ...]] | Sequence[int]
 
 
-def list_joints(name: str, joints: Joints | None, robot: Robot) -> tuple[int, ...]:
+def list_entry_joints(name: str, joints: Joints | None, robot: Robot) -> tuple[int, ...]:
     """List the joints of an entry on a robot: those that a function returns for it, or, of numbers
     that are given, those that it has. Raises StudyError where they are neither."""
     if joints is None:

@@ -19,7 +19,7 @@ from ..robot.gravity import find_bearing_joints
 from ..robot.kinematics import Robot
 from . import compliance, drives, environment, geometry, gravity_effects, instrument, motors
 from . import target_names as by_target
-from .entry_joints import Joints, list_joints
+from .entry_joints import Joints, list_entry_joints
 from .terms import Mechanism, unstorable
 
 
@@ -261,7 +261,7 @@ def _choose_joints(
 ) -> tuple[int, ...]:
     """Choose the joints of an entry that a name stands for: one, or all that it applies to. Raises
     StudyError for a joint that it does not apply to."""
-    joints = list_joints(name, entry.joints, robot)
+    joints = list_entry_joints(name, entry.joints, robot)
     if joint is None:
         return joints
     words = [str(j) for j in joints]

@@ -130,7 +130,7 @@ def _describe_noise(noise: Noise) -> str:
     others = []
     for more_mm, what in (
         (noise.unrepeated_mm, "what else does not repeat"),
-        (noise.model_mm, "the model's own uncertainty"),
+        (noise.model_mm, "the uncertainty of the model"),
     ):
         both = hypot(left, more_mm)
         if both >= CLEARLY_MORE * left:

@@ -32,7 +32,7 @@ PUMA = Path(__file__).parents[2] / "studies" / "puma760"
 
 def entry(name: str | None, *screws: tuple[int, str, str]) -> EntryRecord:
     listed = [ScrewRecord(frame=f, axis=a, cause=c) for f, a, c in screws]
-    return EntryRecord(mechanism=name, probability=0.4, alike=True, screws=listed)
+    return EntryRecord(mechanism=name, probability=0.4, alike=False, screws=listed)
 
 
 @pytest.mark.parametrize(
