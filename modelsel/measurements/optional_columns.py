@@ -4,13 +4,16 @@ time. Only what is plain by name and values; everything else stays a covariate."
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .column_guesses import Reading
 from .column_names import (
     CELSIUS_WORDS,
     LENGTHS,
+    OTHER_QUANTITIES,
     TEMPERATURE_WORDS,
     ColumnName,
     list_units,
@@ -95,18 +98,27 @@ def _read_uncertainties(table: Table, names: Sequence[ColumnName]) -> list[Readi
 def _find_labels(
     table: Table, names: Sequence[ColumnName], words: frozenset[str], most: int
 ) -> list[ColumnName]:
-    """Find columns of a few names that repeat, without empty cells."""
+    """Find columns of a few names that repeat, without empty cells: text or whole numbers, and of no
+    other quantity, as "Mean Marker Error" is."""
     found = []
     for name in names:
         column = table.columns[name.given]
         is_blank = find_blank_cells(column)
-        is_called = name.words & words
-        if is_blank.any() or not is_called:
+        is_called = name.words & words and not name.words & OTHER_QUANTITIES
+        if is_blank.any() or not is_called or _holds_fractions(column):
             continue
         different = {str(cell) for cell in column}
         if 1 <= len(different) <= most:
             found.append(name)
     return found
+
+
+def _holds_fractions(cells: NDArray[Any]) -> bool:
+    """Whether some cell is a number that is not whole."""
+    values = convert_to_numbers(cells)
+    numbers = values[np.isfinite(values)]
+    parts = numbers % 1
+    return bool(parts.any())
 
 
 def _find_number(

@@ -28,6 +28,8 @@ MIN_REMARK_WORDS = 3
 MIN_HEADER_SHARE = 0.7
 # joints that a header numbers, and words beside them, at least
 MIN_NUMBERED = 3
+# of a quaternion, beside x, y and z
+FOURTH = "w"
 # rows that a row of numbers may stand above the names
 MAX_NUMBERED_ROWS = 4
 
@@ -180,17 +182,22 @@ def _choose_spanning(names: Sequence[str], above: Sequence[Row]) -> Row:
 
 def _complete_names(names: Sequence[str], above: Row) -> list[str]:
     """Complete names of two rows: a cell that spans several columns stands before names that occur
-    twice or are numbers, and for those that are empty."""
+    twice or are numbers, before the W beside such an X Y Z, and for those that are empty."""
     filled, last = list[str](), ""
     for cell in above:
         last = _as_text(cell) or last
         filled.append(last)
     filled += [last] * (len(names) - len(filled))
     alone = [_as_text(cell) for cell in above] + [""] * len(names)
+    counts = Counter(names)
+    is_twice = [bool(name) and (counts[name] > 1 or is_number(name)) for name in names]
+    spanned = {filled[k] for k in range(len(names)) if is_twice[k]}
     complete = []
     for k, name in enumerate(names):
-        is_twice = bool(name) and (list(names).count(name) > 1 or is_number(name))
-        longer = f"{filled[k]} {name}".strip() if is_twice else name
+        is_fourth = name.lower() == FOURTH and filled[k] in spanned
+        longer = name
+        if is_twice[k] or is_fourth:
+            longer = f"{filled[k]} {name}".strip()
         complete.append(longer or alone[k])
     return complete
 

@@ -30,6 +30,8 @@ POSITION_WORDS = frozenset[str]().union(
     ("3d", "mag", "magnitude", "total", "norm", "pos", "position", "point", "abs", "length"),
     ("xyz", "distance", "dist", "gesamt", "vector"),
 )
+# words of what an instrument's own fit leaves: OptiTrack's "Mean Marker Error"
+FIT_WORDS = frozenset(("mean", "marker", "markers"))
 # the size of a deviation, beside its components
 SIZE_WORDS = POSITION_WORDS | {"d", "dr", "d3d", "dxyz"}
 UNCERTAINTY_WORDS = frozenset[str]().union(
@@ -211,7 +213,7 @@ def _is_deviation(name: ColumnName) -> bool:
     marks = DEVIATION_WORDS | SHORT_DEVIATIONS
     if name.quantity in AXES:
         marks |= {"d"}
-    others = name.words - MEASURED - COMMANDED - POSITION_WORDS
+    others = name.words - MEASURED - COMMANDED - POSITION_WORDS - FIT_WORDS
     return bool(others) and others <= marks
 
 
