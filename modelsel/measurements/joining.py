@@ -15,8 +15,9 @@ from ..exceptions import DataError, write_rounded
 from .clock_offset import find_clock_offset, write_seconds
 from .column_names import parse_column_name
 from .columns import convert_to_numbers, find_blank_cells
-from .joined_blanks import MAX_BLANK_SHARE, check_coordinates, find_filled_times
+from .joined_blanks import MAX_BLANK_SHARE, check_coordinates
 from .matched_names import keep_number, may_be_names, pair_names, squeeze_name
+from .nearest_times import find_nearest, read_clocks
 from .point_times import DATE_WORDS, TIME_WORDS, find_common_seconds, find_times
 from .table import Table
 
@@ -28,7 +29,6 @@ MIN_NAMES = 4
 MAX_REFLECTORS = 12
 # share of the positions' range that reflectors on one flange are apart, at least
 MIN_APART = 2e-3
-DAY_SECONDS = 86400.0
 COORDINATES = ("x", "y", "z")
 
 
@@ -259,21 +259,13 @@ def list_name_columns(table: Table, blank_share: float = 0.0) -> dict[str, Any]:
 
 def _join_by_time(points: Table, log: Table, max_gap: float, clock_offset: float) -> Join | str:
     """Join every point with the readings of the nearest time."""
-    times, timed_points = find_filled_times(points)
-    readings, timed_log = find_filled_times(log)
-    if times is None or readings is None:
-        lacking = points if times is None else log
-        return f"{lacking.where.file} has no column of times that is filled"
-    if times.absolute != readings.absolute:
-        return "one file has the time of day, the other a time that begins at zero"
-    of_points, of_log = times.seconds, readings.seconds - clock_offset
-    both_dated = times.dated and readings.dated
-    if times.absolute and not both_dated:
-        of_points = of_points % DAY_SECONDS
-        of_log = of_log % DAY_SECONDS
+    clocks = read_clocks(points, log, clock_offset)
+    if isinstance(clocks, str):
+        return clocks
+    of_points, of_log = clocks.points, clocks.log
     order = np.argsort(of_log, kind="stable")
     sorted_times = of_log[order]
-    nearest = order[_find_nearest(sorted_times, of_points)]
+    nearest = order[find_nearest(sorted_times, of_points)]
     difference = of_log[nearest] - of_points
     gap = np.abs(difference)
     close = np.flatnonzero(gap <= max_gap)
@@ -286,10 +278,9 @@ def _join_by_time(points: Table, log: Table, max_gap: float, clock_offset: float
             f"gap is {write_rounded(median)} s ({_advise_on_gap(of_points, of_log, max_gap, clock_offset)})"
         )
     largest = float(gap[close].max())
-    columns = f'"{times.column}" and "{readings.column}"'
-    words = f"by nearest time ({columns}, at most {write_seconds(largest)} apart)"
-    is_blank = len(timed_points) < count or len(timed_log) < len(log)
-    at_points, at_log = timed_points[close], timed_log[nearest[close]]
+    words = f"by nearest time ({clocks.columns}, at most {write_seconds(largest)} apart)"
+    is_blank = len(clocks.point_rows) < count or len(clocks.log_rows) < len(log)
+    at_points, at_log = clocks.point_rows[close], clocks.log_rows[nearest[close]]
     return Join("time", at_points, at_log, words, blank=is_blank)
 
 
@@ -307,17 +298,6 @@ def _advise_on_gap(points: Array, log: Array, max_gap: float, offset: float) -> 
     )
 
 
-def _find_nearest(sorted_times: Array, times: Array) -> Index:
-    last = len(sorted_times) - 1
-    place = np.searchsorted(sorted_times, times)
-    after = np.minimum(place, last)
-    before = np.maximum(place - 1, 0)
-    since = times - sorted_times[before]
-    until = sorted_times[after] - times
-    nearest = np.where(np.abs(since) <= np.abs(until), before, after)
-    return np.asarray(nearest, np.intp)
-
-
 def _join_by_order(points: Table, log: Table) -> Join | str:
     """Join row by row, where both have as many."""
     count = len(points)
@@ -329,9 +309,10 @@ def _join_by_order(points: Table, log: Table) -> Join | str:
 
 
 def refuse_join(
-    points: Table, log: Table, reasons: Mapping[str, str], ways: Sequence[str]
+    points: Table, log: Table, reasons: Mapping[str, str], ways: Sequence[str], advice: str = ""
 ) -> DataError:
-    """Return the error of two files that no way, or not the wanted one, joins."""
+    """Return the error of two files that no way, or not the wanted one, joins; `advice`: what would,
+    where that is known."""
     listed = "; ".join(f"by {way}: {reasons[way]}" for way in ways if way in reasons)
     remedy = "Give both files a column of point names or of times, or as many rows."
     if find_times(points) is not None and find_times(log) is not None:
@@ -342,5 +323,5 @@ def refuse_join(
     return DataError(
         f"the points cannot be joined with {log.where.file}: {listed}.",
         file=points.where.file,
-        remedy=remedy,
+        remedy=advice or remedy,
     )

@@ -28,6 +28,7 @@ from ..measurements.point_times import find_common_seconds, find_times, list_clo
 from ..measurements.table import DataFile, Table, load_table
 from ..robot.kinematics import Robot
 from ..setup.other_robots import MAX_REACH_SHARE
+from .clock_search import advise_on_clocks, check_clocks
 from .new_study import StudyDraft, draft_study
 from .nominal_misfit import CLEAR_FACTOR, measure_misfit
 
@@ -52,27 +53,34 @@ def draft_joined_study(
     swapped = refuse_swapped(measured, readings)
     if swapped is not None:
         raise swapped
+
+    def draft_join(join: Join) -> StudyDraft:
+        return _draft_join(measured, readings, join, robot, given)
+
     joins, reasons = find_joins(measured, readings, max_gap, clock_offset)
-    if way is not None:
-        if way not in joins:
-            raise refuse_join(measured, readings, reasons, (way,))
-        joins = {way: joins[way]}
-    elif set(joins) == {"order"}:
+    wanted = WAYS if way is None else (way,)
+    joins = {each: join for each, join in joins.items() if each in wanted}
+    if way is None and set(joins) == {"order"}:
         _refuse_repeated_names(measured, readings)
     if not joins:
-        raise refuse_join(measured, readings, reasons, WAYS)
+        advice = ""
+        if "time" in wanted:
+            advice = advise_on_clocks(measured, readings, robot, draft_join, max_gap)
+        raise refuse_join(measured, readings, reasons, wanted, advice)
     drafts = {}
     for each, join in _drop_equal(joins).items():
-        drafts[each] = _draft_join(measured, readings, join, robot, given)
+        drafts[each] = draft_join(join)
+    doubt = check_clocks(measured, readings, drafts, draft_join, max_gap)
     chosen, reason = _choose_way(drafts, joins, measured)
     draft = drafts[chosen]
-    for sentence in describe_join(measured, readings, joins[chosen], max_gap):
-        draft = draft.remark(sentence)
+    for sentence in (*describe_join(measured, readings, joins[chosen], max_gap), doubt, reason):
+        if sentence:
+            draft = draft.remark(sentence)
     times = find_times(measured)
     is_timed = find_common_seconds(measured, readings) is not None
     if times is not None and is_timed and "time_s" not in measured:
         draft = draft.remark(f'"{times.column}" of the points is time_s, from the first point on.')
-    return draft.remark(reason) if reason else draft
+    return draft
 
 
 def _refuse_repeated_names(points: Table, log: Table) -> None:

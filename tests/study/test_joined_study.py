@@ -4,6 +4,7 @@ partner is said."""
 from __future__ import annotations
 
 import json
+import re
 import shutil
 
 import numpy as np
@@ -479,6 +480,52 @@ def test_a_constant_clock_offset_is_proposed_not_used(tmp_path) -> None:
     assert "or of times" not in str(refused.value)
     draft = draft_joined_study(*files, robot, {}, "time", clock_offset=3731.0)
     assert len(draft.read()) == ROWS
+
+
+def standing_log(ahead: float, rng: np.random.Generator) -> str:
+    """Readings twice a second of an arm that stands for about six of eleven seconds at every pose and
+    goes on to the next; the times of a clock that is `ahead`."""
+    q, _ = campaign()
+    arrives = 8 * 3600 + 11.0 * np.arange(ROWS) - rng.uniform(2, 4, ROWS)
+    leaves = arrives + 6
+    moments = np.arange(arrives[0] - 20, leaves[-1] + 20, 0.5)
+    knots = np.stack([arrives, leaves], 1).ravel()
+    at = np.stack([np.interp(moments, knots, np.repeat(column, 2)) for column in q.T], 1)
+    rows = [f"{clock(t + ahead)},{numbers(row, ',')}" for t, row in zip(moments, at, strict=True)]
+    return "\n".join(["Time,J1,J2,J3,J4,J5,J6", *rows]) + "\n"
+
+
+@pytest.mark.parametrize("way", [(), ("--join", "time")])
+@pytest.mark.parametrize(("least", "most"), [(9, 25), (1000, 4000), (-60, -9)])
+def test_a_dense_log_whose_clock_differs_is_told_by_the_arm(least, most, way, tmp_path) -> None:
+    """Whether the wrong readings are near in time or none are: the offset is proposed, nothing is
+    written; with it the rows are the campaign's."""
+    rng = np.random.default_rng()
+    ahead = rng.uniform(least, most)
+    written(tmp_path, leica(), standing_log(ahead, rng))
+    ran = invoked(*way)
+    assert ran.exit_code == 3, ran.output
+    assert not (tmp_path / "s").exists()
+    found = re.search(r"say --clock-offset (\S+) \((\S+) to (\S+) s fit alike", ran.stderr)
+    assert found, ran.stderr
+    offset, first, last = map(float, found.groups())
+    assert first - 0.5 < ahead < last + 0.5
+    assert abs(offset - ahead) < 5
+    ran = invoked("--clock-offset", found[1])
+    assert ran.exit_code == 0, ran.output
+    check(tmp_path, ALL)
+
+
+def test_clocks_that_explain_nothing_are_doubted(tmp_path) -> None:
+    """The readings are mixed up: no offset fits, and that the clocks may differ is said."""
+    rng = np.random.default_rng()
+    log_lines = standing_log(0.0, rng).splitlines()
+    mixed = [line.split(",") for line in log_lines[1:]]
+    lines = [f"{t},{j2},{j1},{j3},{j5},{j4},{j6}" for t, j1, j2, j3, j4, j5, j6 in mixed]
+    written(tmp_path, leica(), "\n".join([log_lines[0], *lines]) + "\n")
+    ran = invoked()
+    assert ran.exit_code == 0, ran.output
+    assert "No offset was found at which the nominal arm fits." in ran.stdout
 
 
 def test_swapped_files_are_told(tmp_path) -> None:

@@ -1,0 +1,157 @@
+"""Whether the clocks of an instrument's points and of a joint log differ, as the nominal arm tells, and
+what is said of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+
+from .._typing import Array
+from ..exceptions import DataError, ModelselError, write_rounded
+from ..measurements.clock_offset import find_clock_offset
+from ..measurements.columns import UNITS, convert_to_numbers
+from ..measurements.joining import Join, find_joins
+from ..measurements.nearest_times import read_clocks
+from ..measurements.other_units import convert_mapped
+from ..measurements.table import Table
+from ..robot.kinematics import Robot
+from ..setup.clock_fit import ClockFit, fit_clock_offset
+from ..setup.other_robots import MAX_REACH_SHARE
+from .new_study import StudyDraft
+from .nominal_misfit import CLEAR_FACTOR, measure_misfit
+
+UNEXPLAINED = (
+    "The files were joined by time. Where the two clocks differ, points have the readings of other "
+    "moments: check both clocks, and say --clock-offset. No offset was found at which the nominal arm "
+    "fits."
+)
+
+
+# reads the columns of two tables that are joined so
+Drafter: TypeAlias = Callable[[Join], StudyDraft]
+
+
+@dataclass(frozen=True)
+class OtherClock:
+    """An offset of the log's clock at which the nominal arm fits, to `misfit` mm."""
+
+    fit: ClockFit
+    misfit: float
+
+    @property
+    def remedy(self) -> str:
+        """Say how well the nominal arm fits then, the option, and which offsets do as well."""
+        fit = self.fit
+        way = "ahead of" if fit.seconds > 0 else "behind"
+        return (
+            f"With the joint log's clock {abs(fit.seconds):.6g} s {way} the instrument's, the nominal "
+            f"arm fits to {write_rounded(self.misfit)} mm: say --clock-offset {fit.seconds:.6g} "
+            f"({fit.least:.6g} to {fit.most:.6g} s fit alike)."
+        )
+
+
+def measure_draft(draft: StudyDraft) -> float:
+    """Compute how far the positions of a draft are from the nominal arm [mm]; infinite where that
+    cannot be told."""
+    try:
+        misfit = measure_misfit(draft.robot, draft.read())
+    except ModelselError:
+        return float("inf")
+    return float("inf") if misfit is None else misfit
+
+
+def propose_offset(
+    points: Table, log: Table, robot: Robot, draft_join: Drafter, max_gap: float
+) -> OtherClock | None:
+    """Propose an offset of the log's clock for two tables that have times: that at which the nominal
+    arm fits their rows; None where there is none."""
+    count = min(len(points), len(log))
+    any_rows = np.arange(count)
+    try:
+        draft = draft_join(Join("order", any_rows, any_rows, ""))
+        fit = _search_offset(points, log, draft, max_gap)
+        if fit is None:
+            return None
+        joins, _ = find_joins(points, log, max_gap, fit.seconds)
+        if "time" not in joins:
+            return None
+        joined = draft_join(joins["time"])
+    except ModelselError:
+        return None
+    misfit = measure_draft(joined)
+    if not misfit <= MAX_REACH_SHARE * robot.reach:
+        return None
+    return OtherClock(fit, misfit)
+
+
+def advise_on_clocks(
+    points: Table, log: Table, robot: Robot, draft_join: Drafter, max_gap: float
+) -> str:
+    """Say at which offset of the log's clock the nominal arm fits two files that nothing joins; empty
+    where the gaps between their times tell an offset already, or none fits."""
+    clocks = read_clocks(points, log)
+    if isinstance(clocks, str):
+        return ""
+    if find_clock_offset(clocks.points, clocks.log, max_gap) is not None:
+        return ""
+    other = propose_offset(points, log, robot, draft_join, max_gap)
+    return "" if other is None else other.remedy
+
+
+def check_clocks(
+    points: Table, log: Table, drafts: Mapping[str, StudyDraft], draft_join: Drafter, max_gap: float
+) -> str:
+    """Check files that were joined by time, where the nominal arm fits them by no way. Raises
+    DataError where it does with another offset of the clocks; else returns what is to be said."""
+    if "time" not in drafts:
+        return ""
+    robot = drafts["time"].robot
+    misfits = {way: measure_draft(draft) for way, draft in drafts.items()}
+    least = min(misfits.values())
+    if not MAX_REACH_SHARE * robot.reach < least < np.inf:
+        return ""
+    other = propose_offset(points, log, robot, draft_join, max_gap)
+    if other is None or least < CLEAR_FACTOR * other.misfit:
+        return UNEXPLAINED
+    raise DataError(
+        "joined by time as the clocks are, the nominal arm fits the points to "
+        f"{write_rounded(misfits['time'])} mm: the clocks of the two files differ.",
+        file=points.where.file,
+        remedy=other.remedy,
+    )
+
+
+def _search_offset(points: Table, log: Table, draft: StudyDraft, max_gap: float) -> ClockFit | None:
+    """Search the seconds by which the log's clock is ahead; `draft`: the columns of the joined
+    tables."""
+    clocks = read_clocks(points, log)
+    robot = draft.robot
+    q = _read_columns(log, draft, [f"q{j}_" for j in range(1, robot.n + 1)])
+    position = _read_columns(points, draft, ["x_", "y_", "z_"])
+    if isinstance(clocks, str) or q is None or position is None:
+        return None
+    timed = position[clocks.point_rows]
+    is_measured = np.isfinite(timed).all(axis=1)
+    measured = replace(
+        clocks, points=clocks.points[is_measured], point_rows=clocks.point_rows[is_measured]
+    )
+    return fit_clock_offset(robot, measured, timed[is_measured], q[clocks.log_rows], max_gap)
+
+
+def _read_columns(table: Table, draft: StudyDraft, beginnings: Sequence[str]) -> Array | None:
+    """Read columns (m, k) by the beginnings of their contract's names, in rad or mm, as a draft has
+    them; nan where a cell is no number, None where the table lacks one."""
+    own = {name: given for name, given in draft.columns.items() if given in table}
+    converted, _ = convert_mapped(table, own, draft.robot.prismatic)
+    values = []
+    for beginning in beginnings:
+        name = next((each for each in own if each.startswith(beginning)), None)
+        if name is None:
+            return None
+        cells = convert_to_numbers(converted.columns[own[name]])
+        size = UNITS[name.removeprefix(beginning)]
+        values.append(cells * size)
+    return np.stack(values, 1)
