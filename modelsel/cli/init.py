@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ..exceptions import StudyError
+from ..exceptions import ModelselError, StudyError
 from ._join_options import JointLog, join_option
 from ._options import (
     column_option,
@@ -85,7 +85,7 @@ def init_command(
     show how they are read, ask, and write what `modelsel study` runs."""
     from ..measurements.table import DataFile
     from ..study.joined_study import draft_joined_study
-    from ..study.new_study import add_orientation, describe_draft, draft_study
+    from ..study.new_study import MIN_SPLIT, add_orientation, describe_draft, draft_study
     from ..study.stated_setup import StatedSetup
     from ..study.study_folder import RobotSource, check_new, write_study_folder
 
@@ -114,16 +114,33 @@ def init_command(
     written = write_study_folder(
         draft, data, RobotSource(robot, base, tip, named.written), folder, setup
     )
+    refusal = _find_refusal(folder) if data.configurations < MIN_SPLIT else None
     if as_json:
-        print_json(
-            {"written": [str(path) for path in written], "columns": draft.columns, "said": lines}
-        )
+        paths = [str(path) for path in written]
+        columns = draft.columns
+        print_json({"written": paths, "columns": columns, "said": lines, "refused": refusal})
         return
     click.echo(f"Written: {', '.join(map(str, written))}")
     place = str(folder)
     if place.startswith("-"):
         place = f"./{place}"  # else it is taken for an option
-    click.echo(f"Next: modelsel study {shlex.quote(place)}")
+    command = f"modelsel study {shlex.quote(place)}"
+    if refusal is None:
+        click.echo(f"Next: {command}")
+    else:
+        print_prose(f"{command} refuses these measurements as they are: {refusal}")
+
+
+def _find_refusal(folder: Path) -> str | None:
+    """Find why a study of few configurations would be refused; None where it would not."""
+    from ..study.runner import rehearse_study
+
+    try:
+        rehearse_study(folder)
+    except ModelselError as error:
+        first, *_ = str(error).splitlines()
+        return first
+    return None
 
 
 def _name_folder(file: Path) -> Path:

@@ -42,6 +42,7 @@ def report_command(
     """Show a finished study and draw report.pdf and report.html again, from its folder; nothing is
     computed anew."""
     from .._files import check_writable, claim_folder
+    from ..calibration.loading import find_report_folder
     from ..report.drawing import STEPS, draw_records, draw_summary
     from ..report.terminal import WIDTH, show_study
     from ..results.reading import read_records
@@ -57,6 +58,8 @@ def report_command(
         _check_pages(chosen)
     amount = choose_amount(verbose, quiet)
     _check_folder(folder)
+    if not (folder / "result.json").is_file():
+        folder = find_report_folder(folder)
     check_writable(folder)
     with claim_folder(folder), show_progress(STEPS, hidden=quiet) as say:
         record, details = read_records(folder)

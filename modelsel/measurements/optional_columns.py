@@ -45,6 +45,9 @@ MAX_TARGETS = 12
 SAME_MOMENT = 1.0
 # rows per group, at least
 MIN_GROUP_ROWS = 4
+# columns of the log that Universal Robots' controllers write, with seconds since their start
+UR_CLOCK = "timestamp"
+UR_COLUMNS = ("actual_", "target_")
 # °C in which people work
 ROOM_CELSIUS = (-10.0, 60.0)
 
@@ -166,13 +169,14 @@ def _find_celsius(table: Table, names: Sequence[ColumnName]) -> list[ColumnName]
 
 def _find_time(table: Table, names: Sequence[ColumnName]) -> list[ColumnName]:
     """Find columns of seconds, or another unit of time, that never go back; without a unit, times
-    since 1970."""
+    since 1970, and the clock of a UR's log."""
     found = _find_number(table, names, TIME_WORDS, "s")
     bare = [name for name in names if name.unit is None]
     for name in bare:
         cells = table.columns[name.given]
         is_called = name.words & CLOCK_WORDS
-        if is_called and holds_epoch(cells):
+        is_of_ur = name.given == UR_CLOCK and _is_ur_log(table)
+        if is_called and (is_of_ur or holds_epoch(cells)):
             found.append(name)
     found += _find_converted(table, names, TIME_WORDS, SECONDS)
     clocks = []
@@ -183,6 +187,11 @@ def _find_time(table: Table, names: Sequence[ColumnName]) -> list[ColumnName]:
         if (steps >= 0).all():
             clocks.append(name)
     return _keep_one_clock(table, clocks)
+
+
+def _is_ur_log(table: Table) -> bool:
+    """Whether columns are called as in the log of a controller of Universal Robots."""
+    return any(name.startswith(UR_COLUMNS) for name in table.columns)
 
 
 def _keep_one_clock(table: Table, found: list[ColumnName]) -> list[ColumnName]:

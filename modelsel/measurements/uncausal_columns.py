@@ -37,7 +37,9 @@ SIZE_WORDS = POSITION_WORDS | {"d", "dr", "d3d", "dxyz"}
 UNCERTAINTY_WORDS = frozenset[str]().union(
     ("s", "u", "u95", "sigma", "std", "stdev", "sd", "unc", "uncertainty", "unsicherheit")
 )
-SHORT_UNCERTAINTIES = frozenset(("sx", "sy", "sz"))
+SHORT_UNCERTAINTIES = frozenset(("sx", "sy", "sz", "ux", "uy", "uz"))
+# beside uncertainties of the coordinates: their size, and what the instrument's own readings leave
+UNCERTAINTY_SIZES = frozenset(("rms", "umag", "u3d", "uxyz"))
 # rows from which a column of any name may be said to count them
 MIN_COUNTED = 8
 # names of columns that count fewer rows, too
@@ -77,7 +79,7 @@ def find_uncausal_columns(table: Table, taken: Collection[str]) -> dict[str, lis
     found = {
         "computed-ignored": _find_deviations(names),
         "commanded-ignored": [*_find_commanded(names), *commanded],
-        "uncertainties-ignored": find_uncertainties(names),
+        "uncertainties-ignored": _find_stated(names),
         "positions-ignored": _find_positions(names),
         "orientations-ignored": orientations,
         "quaternion-ignored": quaternion,
@@ -228,6 +230,15 @@ def find_uncertainties(names: Sequence[ColumnName]) -> list[str]:
         family = families.setdefault(words, {})
         family[axis] = name.given
     return _list_complete(families)
+
+
+def _find_stated(names: Sequence[ColumnName]) -> list[str]:
+    """Find three uncertainties of the coordinates, and what is stated beside them of their size."""
+    found = find_uncertainties(names)
+    if not found:
+        return []
+    sizes = [name.given for name in names if name.words and name.words <= UNCERTAINTY_SIZES]
+    return [*found, *sizes]
 
 
 def _find_uncertain_axis(name: ColumnName) -> str | None:

@@ -236,9 +236,8 @@ def _describe_joint(part: ErrorPart, size: str, effect: str) -> str:
     if part.told_by in ("repeats", GIVEN):
         return said
     return (
-        f"{said} Too few postures were measured again to be sure: an error of {part.name} that "
-        "repeats, but that no candidate describes, would look the same. Measuring some postures again "
-        "would tell them apart."
+        f"{said} This is not sure: an error of {part.name} that repeats, but that no candidate "
+        "describes, would look the same. More postures that are measured again would tell them apart."
     )
 
 
@@ -340,7 +339,7 @@ def summarise_repeatability(parts: Sequence[ErrorPartRecord]) -> list[str]:
     if shares:
         sentence += f" Other parts of what is left: {sentence_list(shares)}."
     if unsure:
-        sentence += f" Too few postures were measured again to be sure of {sentence_list(unsure)}."
+        sentence += f" It takes more postures that are measured again to be sure of {sentence_list(unsure)}."
     return [sentence]
 
 

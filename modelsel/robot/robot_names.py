@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from difflib import get_close_matches
+from difflib import SequenceMatcher, get_close_matches
 
 # words before or after a type's name, and what some types are called in full
 MAKERS = frozenset[str]().union(
@@ -13,6 +13,8 @@ MAKERS = frozenset[str]().union(
 )
 FULL_NAMES = {"research3": "fr3"}
 MAX_SUGGESTED = 3
+# how alike two names must be, and the letters of both: "KR 10" is no UR10
+MIN_ALIKE = 0.6
 
 
 def find_robot_name(given: str, known: Sequence[str]) -> str | None:
@@ -49,12 +51,21 @@ def suggest_robots(given: str, known: Sequence[str]) -> str:
     squeezed = {_squeeze(name): name for name in known}
     near = list[str]()
     for spelling in _list_spellings(given):
-        near += get_close_matches(spelling, squeezed, MAX_SUGGESTED, cutoff=0.6)
+        alike = [name for name in squeezed if _have_like_letters(spelling, name)]
+        near += get_close_matches(spelling, alike, MAX_SUGGESTED, cutoff=MIN_ALIKE)
     if near:
         *others, last = [f'"{squeezed[name]}"' for name in dict.fromkeys(near)]
         listed = f"{', '.join(others)} or {last}" if others else last
         return f"Did you mean {listed}?"
     return f"Known: {', '.join(known)}; another robot takes a file: TOML, URDF, or a table of DH parameters."
+
+
+def _have_like_letters(given: str, name: str) -> bool:
+    """Whether the letters of two names are alike, whatever their numbers; a name without any is."""
+    letters = re.sub(r"[0-9]", "", given)
+    own = re.sub(r"[0-9]", "", name)
+    alike = SequenceMatcher(None, letters, own).ratio()
+    return not letters or alike >= MIN_ALIKE
 
 
 def _list_spellings(given: str) -> list[str]:

@@ -36,7 +36,12 @@ from ..setup.other_robots import MAX_REACH_SHARE
 from .missing_columns import refuse_missing
 from .nominal_misfit import CLEAR_FACTOR, describe_misfit, measure_misfit
 from .orientation_reading import settle_orientation
-from .other_columns import describe_optional, describe_other_columns, describe_quaternions
+from .other_columns import (
+    describe_optional,
+    describe_other_columns,
+    describe_quaternions,
+    offer_uncertainties,
+)
 from .position_choice import (
     describe_several_targets,
     drop_computed,
@@ -338,6 +343,7 @@ def describe_draft(draft: StudyDraft, data: Measurements) -> list[str]:
     lines += describe_misfit(robot, data)
     lines.append(_describe_split(data))
     lines += [note.sentence for note in data.notes if note.code in TOLD_NOTES]
+    lines += offer_uncertainties(draft.measured, draft.columns)
     taken = {*draft.columns.values(), *draft.originals}
     lines += describe_other_columns(draft.measured, taken, data, draft.list_uncausal())
     return [*lines, *draft.remarks]

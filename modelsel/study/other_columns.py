@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Collection, Sequence
 from typing import Any
 
@@ -10,15 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._names import is_plain_word
-from ..exceptions import one_line
+from ..exceptions import one_line, sentence_list
 from ..measurements.column_guesses import Reading
 from ..measurements.column_names import parse_column_name
 from ..measurements.columns import convert_to_numbers, describe_cell
-from ..measurements.contract_columns import KNOWN_COVARIATES, list_contract_names
+from ..measurements.contract_columns import (
+    KNOWN_COVARIATES,
+    UNCERTAINTY_COLUMNS,
+    list_contract_names,
+)
 from ..measurements.measurements import Measurements
 from ..measurements.orientation_columns import QUATERNION_COLUMNS
 from ..measurements.point_times import DATE_WORDS, TIME_WORDS, are_clock_times, find_date_column
 from ..measurements.table import Table
+from ..measurements.uncausal_columns import find_uncertainties
 
 # where the mechanisms of a payload have its mass
 PAYLOAD = (
@@ -82,9 +88,40 @@ def describe_other_columns(
         lines.append(PAYLOAD)
     lines += _list_names("Names of the points, by which messages call them", named)
     lines += _list_names("Looked at as possible causes of errors, too", varying)
+    lines += _offer_times(varying, table)
     lines += _list_names("The same in all rows, so that nothing can depend on it", constant)
     lines += _list_names("Commanded, not measured, and not used", commanded)
     return lines + _list_names("Not used", unused, table)
+
+
+def _offer_times(names: Sequence[str], table: Table) -> list[str]:
+    """Offer columns that are called times, do not go back and say no unit, as the time; nothing where
+    there is one."""
+    if "time_s" in table:
+        return []
+    offered = []
+    for name in names:
+        parsed = parse_column_name(name)
+        steps = np.diff(convert_to_numbers(table.columns[name]))
+        is_clock = parsed.words & (TIME_WORDS - {"t"}) and parsed.unit is None
+        if is_clock and len(steps) and steps.min() >= 0:
+            pair = shlex.quote(f"time_s={name}")
+            offered.append(f'If "{one_line(name)}" is a time in seconds: --column {pair}.')
+    return offered
+
+
+def offer_uncertainties(table: Table, columns: Collection[str]) -> list[str]:
+    """Offer the stated uncertainties of the coordinates that are not read as standard ones; `columns`:
+    the contract's names that are mapped."""
+    is_read = any(name in table or name in columns for name in UNCERTAINTY_COLUMNS)
+    names = [parse_column_name(name, table.units.get(name)) for name in table.columns]
+    found = find_uncertainties(names)
+    if is_read or not found:
+        return []
+    pairs = zip(UNCERTAINTY_COLUMNS, found, strict=True)
+    options = " ".join(f"--column {shlex.quote(f'{wanted}={own}')}" for wanted, own in pairs)
+    quoted = sentence_list([f'"{one_line(name)}"' for name in found])
+    return [f"If {quoted} are standard deviations in mm: {options}."]
 
 
 def _list_times(names: Sequence[str]) -> list[str]:

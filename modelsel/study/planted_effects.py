@@ -27,7 +27,7 @@ class _AnyName(dict[str, str]):
 
 def name_effect(number: int) -> str:
     """Name the place of an effect in the study file, counted from 1."""
-    return f"simulate.effect {number}"
+    return f"simulate.effect.{number}"
 
 
 def list_frame_problems(study: Study, robot: Robot) -> list[str]:

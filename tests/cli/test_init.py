@@ -700,8 +700,8 @@ def test_seconds_since_1970_are_the_time(name, size) -> None:
     assert "possible causes" not in ran.stdout
 
 
-def _columns() -> dict[str, str]:
-    text = Path("m/study.toml").read_text(encoding="utf-8")
+def _columns(folder: str = "m") -> dict[str, str]:
+    text = Path(folder, "study.toml").read_text(encoding="utf-8")
     return tomllib.loads(text)["measurements"]["columns"]
 
 
@@ -734,6 +734,80 @@ def write_quaternions(columns: list[str]) -> None:
     turned = Rotation.from_euler("ZYX", frame[["1", "2", "3"]].to_numpy(), degrees=True)
     frame[columns] = turned.as_quat()
     frame.drop(columns=["1", "2", "3"]).to_csv("m.csv", index=False)
+
+
+def test_uncertainties_of_spatial_analyzer_are_offered() -> None:
+    """Of Ux Uy Uz it is not said how many deviations they are: they are no causes, and offered."""
+    frame = campaign()
+    names = ["Ux", "Uy", "Uz", "RMS"]
+    frame[names] = np.random.default_rng().uniform(0.02, 0.03, (40, 4)).round(4)
+    frame.to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert "possible causes" not in ran.stdout
+    options = ["--column", "sx_mm=Ux", "--column", "sy_mm=Uy", "--column", "sz_mm=Uz"]
+    assert f"are standard deviations in mm: {' '.join(options)}." in ran.stdout
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes", "--out", "s", *options)
+    assert ran.exit_code == 0, ran.output
+    assert "standard deviations" not in ran.stdout
+    data = read_measurements("s/m.csv", load_robot("ur10"), _columns("s"))
+    np.testing.assert_allclose(data.sigma, frame[names[:3]])
+
+
+def test_the_clock_of_a_ur_is_the_time() -> None:
+    frame = campaign()
+    seconds = 80 + np.random.default_rng().uniform(5, 20, 40).cumsum().round(3)
+    frame.columns = [*(f"actual_q_{k}" for k in range(6)), "X", "Y", "Z"]
+    frame.assign(timestamp=seconds).to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert 'Also: "timestamp" as time_s (' in ran.stdout
+    assert "possible causes" not in ran.stdout
+    frame.assign(stamp=seconds).to_csv("other.csv", index=False)
+    ran = invoked("init", "other.csv", "--robot", "ur10", "--yes")
+    assert 'If "stamp" is a time in seconds: --column time_s=stamp.' in ran.stdout
+
+
+@pytest.mark.parametrize("rows", [6, 1])
+def test_too_few_configurations_are_said_instead_of_the_next_command(rows) -> None:
+    frame = campaign().head(rows)
+    pd.concat([frame] * 3).to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert ran.exit_code == 0, ran.output
+    assert "modelsel study m refuses these measurements as they are: " in ran.stdout
+    assert "Next: " not in ran.stdout
+    refused = invoked("study", "m", "--no-report")
+    assert refused.exit_code == 4
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes", "--out", "s", "--json")
+    said = json.loads(ran.stdout)["refused"]
+    assert said in " ".join(refused.stderr.split())
+    campaign(20).to_csv("enough.csv", index=False)
+    ran = invoked("init", "enough.csv", "--robot", "ur10", "--yes")
+    assert "Next: modelsel study enough" in ran.stdout
+
+
+def test_a_rigid_body_of_motion_capture_has_its_quaternion() -> None:
+    """OptiTrack's two rows of headers: Rotation over X Y Z W, Position over X Y Z; and what the
+    body's markers leave, the same in every row, names no target."""
+    from scipy.spatial.transform import Rotation
+
+    frame = poses("vector")
+    turned = Rotation.from_rotvec(np.radians(frame[["1", "2", "3"]].to_numpy())).as_quat()
+    table = np.column_stack([turned, frame[["X", "Y", "Z"]], np.full(40, 0.0003)]).round(7)
+    above = ["", "", *["Rotation"] * 4, *["Position"] * 3, "Mean Marker Error"]
+    names = ["Frame", "Time (Seconds)", *"XYZW", *"XYZ", ""]
+    lines = ["Format Version,1.23,Rotation Type,Quaternion", ",".join(above), ",".join(names)]
+    lines += [",".join(map(str, [600 * k, 5.0 * k, *row])) for k, row in enumerate(table)]
+    Path("m.csv").write_text("\n".join(lines) + "\n")
+    readings = frame.iloc[:, :6].assign(time_s=5.0 * np.arange(40))
+    readings.to_csv("log.csv", index=False)
+    files = ("m.csv", "--joints", "log.csv")
+    ran = invoked("init", *files, "--robot", "ur10", "--yes", "--json")
+    assert ran.exit_code == 0, ran.output
+    told = json.loads(ran.stdout)
+    expected = {f"q{letter.lower()}": f"Rotation {letter}" for letter in "XYZW"}
+    assert expected.items() <= told["columns"].items()
+    assert told["columns"]["x_mm"] == "Position X"
+    assert "target" not in told["columns"]
+    assert 'errors, are ignored: "Mean Marker Error".' in " ".join(told["said"])
 
 
 def test_quaternions_that_are_used_are_said() -> None:

@@ -390,6 +390,26 @@ def test_pages_are_chosen(drawn, tmp_path) -> None:
     assert 'Did you mean "first"?' in wrong.output
 
 
+def test_the_folder_of_a_study_finds_its_report(drawn, tmp_path, monkeypatch) -> None:
+    """As `compare` does; a folder that has a result is taken as it is."""
+    monkeypatch.chdir(tmp_path)
+    report = tmp_path / "reports" / "cell"
+    report.mkdir(parents=True)
+    for name in ("result.json", "details.json", "calibration.json"):
+        shutil.copy(drawn / name, report)
+    name = json.loads((drawn / "result.json").read_text())["study"]
+    (tmp_path / "cell").mkdir()
+    (tmp_path / "cell" / "study.toml").write_text(f"name = {json.dumps(name)}\n")
+    words = ["report", "cell", "--pages", "map", "--json"]
+    done = CliRunner().invoke(run_command_line, words)
+    assert done.exit_code == 0, done.output
+    assert (report / "report-pages.pdf").exists()
+    for name in ("result.json", "details.json"):
+        shutil.move(report / name, tmp_path / "cell")
+    assert CliRunner().invoke(run_command_line, words).exit_code == 0
+    assert (tmp_path / "cell" / "report-pages.pdf").exists()
+
+
 def test_the_summary_is_two_pages_beside_the_full_report(drawn, tmp_path) -> None:
     for name in ("result.json", "details.json", "report.pdf"):
         shutil.copy(drawn / name, tmp_path)

@@ -42,8 +42,8 @@ def sentence(one: ErrorPart) -> str:
 # --------------------------------------------------------------------------------------------------------------------
 
 UNSURE = (
-    "Too few postures were measured again to be sure: an error of joint 2 that repeats, but that no candidate describes, "
-    "would look the same. Measuring some postures again would tell them apart."
+    "This is not sure: an error of joint 2 that repeats, but that no candidate describes, would look the same. More postures "
+    "that are measured again would tell them apart."
 )
 JOINT = "Joint 2 does not repeat better than 21 µrad (95 %: 18 to 24 µrad): 0.011 mm at the target, 40 % of what is left."
 SAID = {
@@ -164,7 +164,7 @@ def test_a_summary_says_of_which_joints_too_few_repeats_tell() -> None:
         part("joint 5", 21.3e-6, 18.2e-6, 24.4e-6, share=0.06, told_by="repeats"),
     )
     (line,) = summarise_repeatability(some)
-    assert line.endswith(" Too few postures were measured again to be sure of joint 2.")
+    assert line.endswith(" It takes more postures that are measured again to be sure of joint 2.")
 
 
 def test_a_summary_says_in_full_what_may_be_an_effect() -> None:

@@ -50,8 +50,16 @@ def test_nothing_is_guessed(given) -> None:
 def test_all_that_are_close_are_offered() -> None:
     with pytest.raises(StudyError, match='Did you mean "ur5e", "ur10e" or "ur5"'):
         load_robot("UR15e")
+    with pytest.raises(StudyError, match='Did you mean "irb120" or "irb1600"'):
+        load_robot("IRB 1200")
     with pytest.raises(StudyError, match=r"Known: fr3, .* takes a file: TOML, URDF, or a table"):
         load_robot("Motoman")
+
+
+@pytest.mark.parametrize("given", ["KR 10", "KR10 R1100", "Motoman 10"])
+def test_a_number_alone_makes_no_other_robot(given) -> None:
+    with pytest.raises(StudyError, match=r'unknown robot "[^"]*"\. Known: fr3, '):
+        load_robot(given)
 
 
 def test_limits_of_exported_rows_are_as_people_write_them() -> None:

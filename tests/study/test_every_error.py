@@ -80,9 +80,9 @@ def test_what_holds_no_names_is_wrong_all_the_same(tmp_path: Path, text: str) ->
 def test_effects_to_plant_are_checked_together(tmp_path: Path) -> None:
     effects = EFFECT.format(99, "nowhere") + EFFECT.format(1, "q1+")
     (tmp_path / "study.toml").write_text(PLAIN + effects)
-    frame = "study.toml: simulate.effect 1: frame 99, but "
-    name = 'study.toml: simulate.effect 1: unknown name "nowhere"'
-    formula = 'study.toml: simulate.effect 2: "q1+" is not a cause'
+    frame = "study.toml: simulate.effect.1: frame 99, but "
+    name = 'study.toml: simulate.effect.1: unknown name "nowhere"'
+    formula = 'study.toml: simulate.effect.2: "q1+" is not a cause'
     expected = {
         rehearse_study: (frame, formula, "none.csv: no such file"),
         simulate_study: (frame, name, formula),
@@ -107,7 +107,7 @@ def test_values_robot_data_and_names_are_said_together(tmp_path: Path) -> None:
         'study.toml: [simulate.effect.1]: unknown key "more"',
         "study.toml: split: nested_folds = 1 is not a fold",
         'study.toml: model.base: unknown mechanism "geometrc"',
-        'study.toml: simulate.effect 1: "q1+" is not a cause',
+        'study.toml: simulate.effect.1: "q1+" is not a cause',
         "arm.toml: there is no such robot file",
         "none.csv: no such file",
     )
@@ -177,8 +177,8 @@ def test_effects_after_a_wrong_one_keep_their_numbers(tmp_path: Path) -> None:
     wrong = EFFECT.format(1, "q1").replace('"rz"', '"rq"') + EFFECT.format(9, "q1")
     said = problems_of(tmp_path, PLAIN + wrong)
     assert "simulate.effect.1.axis: expected 'tx'" in said
-    assert "simulate.effect 2: frame 9, but puma760 has frames 1 to 7" in said
-    assert "simulate.effect 1: frame" not in said
+    assert "simulate.effect.2: frame 9, but puma760 has frames 1 to 7" in said
+    assert "simulate.effect.1: frame" not in said
 
 
 def test_a_cause_left_out_is_no_unknown_mechanism(tmp_path: Path) -> None:
@@ -208,8 +208,8 @@ def test_names_are_compared_with_the_file(tmp_path: Path) -> None:
         rehearse_study(tmp_path)
     assert [problem.partition(" in ")[0] for problem in error.value.problems] == [
         "study.toml: split.estimation = 30, but the file has 3 configurations: ask for fewer.",
-        'study.toml: simulate.effect 1: unknown name "q9"',
-        'study.toml: simulate.effect 1: unknown name "het"',
+        'study.toml: simulate.effect.1: unknown name "q9"',
+        'study.toml: simulate.effect.1: unknown name "het"',
     ]
     *others, last = error.value.problems
     columns = "The file's further columns of numbers: heat."
@@ -231,7 +231,7 @@ def test_names_are_compared_with_the_file(tmp_path: Path) -> None:
 def test_a_problem_is_said_with_the_file_whatever_finds_it(tmp_path: Path) -> None:
     """The same name is told by what reads the file, where a value is wrong, by what reads the
     measurements, and by what simulates them; a study made in Python has no file."""
-    said = "simulate.effect 1: frame 9, but puma760 has frames 1 to 7."
+    said = "simulate.effect.1: frame 9, but puma760 has frames 1 to 7."
     text = PLAIN + EFFECT.format(9, "q1")
     beside_values = problems_of(tmp_path, text.replace("seed = 1", "sed = 1"))
     assert f"study.toml: {said}" in beside_values.splitlines()
