@@ -14,8 +14,9 @@ from ..exceptions import DataError, ModelselError, write_rounded
 from ..measurements.clock_offset import find_clock_offset
 from ..measurements.columns import UNITS, convert_to_numbers
 from ..measurements.joining import Join, find_joins
-from ..measurements.nearest_times import read_clocks
+from ..measurements.nearest_times import find_nearest, read_clocks
 from ..measurements.other_units import convert_mapped
+from ..measurements.row_order import choose_standstill
 from ..measurements.table import Table
 from ..robot.kinematics import Robot
 from ..setup.clock_fit import ClockFit, fit_clock_offset
@@ -30,6 +31,10 @@ UNEXPLAINED = (
 )
 
 
+# share of the points with the readings of an arm in motion from which that is said; up to which it is
+# no campaign in motion
+MIN_MOVING = 0.05
+MAX_MOVING = 0.9
 # reads the columns of two tables that are joined so
 Drafter: TypeAlias = Callable[[Join], StudyDraft]
 
@@ -102,18 +107,34 @@ def advise_on_clocks(
 
 
 def check_clocks(
-    points: Table, log: Table, drafts: Mapping[str, StudyDraft], draft_join: Drafter, max_gap: float
+    points: Table,
+    log: Table,
+    drafts: Mapping[str, StudyDraft],
+    draft_join: Drafter,
+    max_gap: float,
+    clock_offset: float,
 ) -> str:
-    """Check files that were joined by time, where the nominal arm fits them by no way. Raises
-    DataError where it does with another offset of the clocks; else returns what is to be said."""
+    """Check files that were joined by time, where the nominal arm fits them by no way, or some points
+    have the readings of an arm in motion; return what is to be said. Raises DataError where the arm
+    fits with another offset of the clocks alone."""
     if "time" not in drafts:
         return ""
     robot = drafts["time"].robot
     misfits = {way: measure_draft(draft) for way, draft in drafts.items()}
     least = min(misfits.values())
-    if not MAX_REACH_SHARE * robot.reach < least < np.inf:
+    is_far = MAX_REACH_SHARE * robot.reach < least < np.inf
+    if not is_far and misfits["time"] > least:
+        return ""
+    said = UNEXPLAINED
+    if not is_far:
+        said = _describe_moving(points, log, drafts["time"], max_gap, clock_offset)
+    if not said:
         return ""
     other = propose_offset(points, log, robot, draft_join, max_gap)
+    if not is_far:
+        if other is None or other.fit.least <= clock_offset <= other.fit.most:
+            return said
+        return f"{said} {other.remedy}"
     if other is None or least < CLEAR_FACTOR * other.misfit:
         return UNEXPLAINED
     raise DataError(
@@ -121,6 +142,36 @@ def check_clocks(
         f"{write_rounded(misfits['time'])} mm: the clocks of the two files differ.",
         file=points.where.file,
         remedy=other.remedy,
+    )
+
+
+def _describe_moving(
+    points: Table, log: Table, draft: StudyDraft, max_gap: float, clock_offset: float
+) -> str:
+    """Say how many points have the readings of an arm in motion; nothing where hardly any has, or
+    nearly all have, as of a campaign in motion."""
+    clocks = read_clocks(points, log, clock_offset)
+    robot = draft.robot
+    q = _read_columns(log, draft, [f"q{j}_" for j in range(1, robot.n + 1)])
+    if isinstance(clocks, str) or q is None:
+        return ""
+    q = q[clocks.log_rows]
+    order = np.argsort(clocks.log, kind="stable")
+    times = clocks.log[order]
+    place = find_nearest(times, clocks.points)
+    is_near = np.abs(times[place] - clocks.points) <= max_gap
+    before = np.maximum(place - 1, 0)
+    after = np.minimum(place + 1, len(times) - 1)
+    is_dense = times[after] - times[before] <= 2 * max_gap
+    travel = np.abs(q[order[after]] - q[order[before]])
+    moves = (travel > choose_standstill(robot.prismatic)).any(axis=1)
+    moving = int((is_near & is_dense & moves).sum())
+    count = int(is_near.sum())
+    if not MIN_MOVING * count < moving < MAX_MOVING * count:
+        return ""
+    return (
+        f"{moving:,} of {count:,} points have the readings of an arm in motion: if it stood when they "
+        "were measured, the clocks differ."
     )
 
 

@@ -70,7 +70,7 @@ def draft_joined_study(
     drafts = {}
     for each, join in _drop_equal(joins).items():
         drafts[each] = draft_join(join)
-    doubt = check_clocks(measured, readings, drafts, draft_join, max_gap)
+    doubt = check_clocks(measured, readings, drafts, draft_join, max_gap, clock_offset)
     chosen, reason = _choose_way(drafts, joins, measured)
     draft = drafts[chosen]
     for sentence in (*describe_join(measured, readings, joins[chosen], max_gap), doubt, reason):

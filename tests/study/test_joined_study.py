@@ -3,6 +3,7 @@ partner is said."""
 
 from __future__ import annotations
 
+import copy
 import json
 import re
 import shutil
@@ -513,6 +514,23 @@ def test_a_dense_log_whose_clock_differs_is_told_by_the_arm(least, most, way, tm
     assert abs(offset - ahead) < 5
     ran = invoked("--clock-offset", found[1])
     assert ran.exit_code == 0, ran.output
+    check(tmp_path, ALL)
+
+
+def test_readings_of_an_arm_in_motion_are_told(tmp_path) -> None:
+    """Of a clock that is a little ahead, six points have readings of the way to their pose: the arm
+    fits in the median, and what is wrong is said. With the offset that is proposed nothing is."""
+    rng = np.random.default_rng()
+    lags = np.sort(copy.deepcopy(rng).uniform(2, 4, ROWS))
+    written(tmp_path, leica(), standing_log(lags[6], rng))
+    ran = invoked()
+    assert ran.exit_code == 0, ran.output
+    assert f"of {ROWS} points have the readings of an arm in motion: " in ran.stdout
+    found = re.search(r"say --clock-offset (\S+) \(", " ".join(ran.stdout.split()))
+    assert found, ran.stdout
+    shutil.rmtree("s")
+    ran = invoked("--clock-offset", found[1])
+    assert "in motion" not in ran.stdout
     check(tmp_path, ALL)
 
 
