@@ -17,7 +17,7 @@ from .column_names import parse_column_name
 from .columns import convert_to_numbers, find_blank_cells
 from .joined_blanks import MAX_BLANK_SHARE, check_coordinates
 from .matched_names import keep_number, may_be_names, pair_names, squeeze_name
-from .nearest_times import find_nearest, read_clocks
+from .nearest_times import find_nearest_times, read_clocks
 from .point_times import DATE_WORDS, TIME_WORDS, find_common_seconds, find_times
 from .table import Table
 
@@ -265,7 +265,7 @@ def _join_by_time(points: Table, log: Table, max_gap: float, clock_offset: float
     of_points, of_log = clocks.points, clocks.log
     order = np.argsort(of_log, kind="stable")
     sorted_times = of_log[order]
-    nearest = order[find_nearest(sorted_times, of_points)]
+    nearest = order[find_nearest_times(sorted_times, of_points)]
     difference = of_log[nearest] - of_points
     gap = np.abs(difference)
     close = np.flatnonzero(gap <= max_gap)

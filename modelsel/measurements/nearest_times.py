@@ -45,7 +45,7 @@ def read_clocks(points: Table, log: Table, clock_offset: float = 0.0) -> Clocks 
     return Clocks(of_points, of_log, point_rows, log_rows, columns)
 
 
-def find_nearest(sorted_times: Array, times: Array) -> Index:
+def find_nearest_times(sorted_times: Array, times: Array) -> Index:
     """Find the place of the nearest of `sorted_times` (n,) to each of `times` (m,)."""
     last = len(sorted_times) - 1
     place = np.searchsorted(sorted_times, times)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._typing import Array, Index, Mask
-from ..measurements.nearest_times import Clocks, find_nearest
+from ..measurements.nearest_times import Clocks, find_nearest_times
 from ..robot.kinematics import Robot, pose
 
 # points, readings and offsets that are examined, spread over the files
@@ -119,7 +119,7 @@ def _count_near(log: _Log, times: Array, offset: float) -> int:
 def _match(log: _Log, times: Array, offset: float) -> tuple[Index, Mask]:
     """Find the reading nearest to every point, and whether it is near enough."""
     wanted = times + offset
-    nearest = find_nearest(log.times, wanted)
+    nearest = find_nearest_times(log.times, wanted)
     gap = np.abs(log.times[nearest] - wanted)
     return nearest, gap <= log.max_gap
 

@@ -14,7 +14,7 @@ from ..exceptions import DataError, ModelselError, write_rounded
 from ..measurements.clock_offset import find_clock_offset
 from ..measurements.columns import UNITS, convert_to_numbers
 from ..measurements.joining import Join, find_joins
-from ..measurements.nearest_times import find_nearest, read_clocks
+from ..measurements.nearest_times import find_nearest_times, read_clocks
 from ..measurements.other_units import convert_mapped
 from ..measurements.row_order import choose_standstill
 from ..measurements.table import Table
@@ -158,7 +158,7 @@ def _describe_moving(
     q = q[clocks.log_rows]
     order = np.argsort(clocks.log, kind="stable")
     times = clocks.log[order]
-    place = find_nearest(times, clocks.points)
+    place = find_nearest_times(times, clocks.points)
     is_near = np.abs(times[place] - clocks.points) <= max_gap
     before = np.maximum(place - 1, 0)
     after = np.minimum(place + 1, len(times) - 1)
