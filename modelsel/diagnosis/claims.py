@@ -40,6 +40,8 @@ from .wave_aliases import list_aliases, weigh_aliases
 # levels that findings of one place lose to one shape for all: their drivers stay the same
 SHAPED = [LEVELS.index(level) >= LEVELS.index("shape") for level in LEVELS]
 
+DRIVEN = LEVELS.index("drivers")
+
 # displacement of a part of a joint's own function over another's up to which that one's shape stays:
 # without it 0.97 of both together is left
 SMALL_BESIDE = 0.25
@@ -86,9 +88,10 @@ def weigh_claims(search: Search, view: View, chosen: Sequence[int]) -> Weighed:
     for g, share in weigh_families(search, chosen, view, one_place=True).items():
         levels[g] = np.where(SHAPED, levels[g] * share, levels[g])
     for group in company:
-        share, shape = _weigh_together(search, group, contenders)
+        shares, shape = weigh_together(search, group, contenders)
         for g in group.members:
-            levels[g] = np.where(SHAPED, levels[g] * share, levels[g])
+            levels[g] = levels[g] * shares
+            drivers[g] = {name: shares[DRIVEN] * p for name, p in drivers[g].items()}
         if shape is not None:
             better.insert(0, (group.members, shape))
     for g, share in weigh_own_functions(search, view, chosen, levels).items():
@@ -104,7 +107,7 @@ def _gather_all(
 ) -> Contenders:
     """Gather the rivals of all effects, and what stands in the place of several of them."""
     alone = [rival.candidate for own in rivals for rival in own]
-    together = [one for group in company for one in (group.listed, *group.shapes)]
+    together = [one for group in company for one in group.every]
     return gather_contenders(search, view, [*alone, *together])
 
 
@@ -245,21 +248,27 @@ def _sum_agreeing(rivals: Sequence[Rival], probability: Array, level: str) -> fl
     return float(total)
 
 
-def _weigh_together(
+def weigh_together(
     search: Search, group: Company, contenders: Contenders
-) -> tuple[float, Candidate | None]:
+) -> tuple[Array, Candidate | None]:
     """Weigh several findings of one place against one shape that no list has.
 
-    Returns the probability of the listed ones, and the shape if it is clearly more probable."""
-    which = [group.listed, *group.shapes]
+    Returns the share (4,) of every level that is left to the findings, and the shape if it is clearly
+    more probable."""
+    which = group.every
     effects = [search.candidates[g] for g in group.members]
     factors = contenders.weigh(effects, which)
     value, logs = sum_evidence(factors, np.log([candidate.prior for candidate in which]))
+    shares = np.ones(len(LEVELS))
     if not np.isfinite(value):
-        return 1.0, None
+        return shares, None
+    probability = np.exp(logs - value)
+    shares[SHAPED] = probability[0]
+    own = 1 + len(group.shapes)
+    shares[DRIVEN] = probability[:own].sum()
     best = int(np.argmax(logs))
     is_better = best > 0 and logs[best] - logs[0] > MIN_LOG_ODDS
-    return float(np.exp(logs[0] - value)), which[best] if is_better else None
+    return shares, which[best] if is_better else None
 
 
 def build_claim(problem: Problem, told: Candidate, levels: Array) -> Claim:

@@ -21,7 +21,7 @@ SQUARE = "2"
 
 def build_powers(problem: Problem, joint: int) -> dict[str, Mechanism]:
     """Build a joint's motions with powers of its torque over the typical one, by the power."""
-    share = _scale_torque(problem, joint)
+    share = scale_torque(problem, joint)
     if share is None:
         return {}
     size = Applied("abs", share)
@@ -42,7 +42,7 @@ def build_powers(problem: Problem, joint: int) -> dict[str, Mechanism]:
     return built
 
 
-def _scale_torque(problem: Problem, joint: int) -> Cause | None:
+def scale_torque(problem: Problem, joint: int) -> Cause | None:
     """A joint's torque over the typical one; None where there is none."""
     load = torque(joint)
     values = problem.state.value(f"torque{joint}")
@@ -58,7 +58,7 @@ def generate_loaded(problem: Problem, joint: int) -> Iterator[Mechanism]:
     none for a joint without load."""
     if joint not in find_gravity_joints(problem.robot):
         return
-    share = _scale_torque(problem, joint)
+    share = scale_torque(problem, joint)
     if share is None:
         return
     name = f"approach{joint}"

@@ -44,6 +44,7 @@ from .joint_drags import (
 from .pair_waves import generate_waves_of, generate_waves_together
 from .signatures import leave_out_sides
 from .simple_shapes import generate_products, generate_pulls, generate_saws, generate_soft_lags
+from .soft_shapes import generate_soft_springs, generate_soft_steps, list_soft_steps, list_springs
 from .time_waves import generate_finer_time_waves
 from .torque_powers import generate_powers
 from .unregistered import RARE_WEIGHT
@@ -63,6 +64,8 @@ SIMPLE = {
     generate_waves_together: CandidateKind.WAVE,
     generate_distortions: CandidateKind.DISTORTION,
 }
+# shapes whose constants, of which there are many, are asked as little as those of the finding
+SOFT = (generate_soft_springs, generate_soft_steps)
 # kinds of waves, whose number may lie between those that are looked for
 OF_ANY_NUMBER = (CandidateKind.JOINT_WAVE, CandidateKind.SLIDE_WAVE, CandidateKind.TIME_WAVE)
 # prior probability of a further listed finding at a place, where one is
@@ -89,11 +92,17 @@ class Rival:
 @dataclass(frozen=True)
 class Company:
     """Findings of one place: their numbers, all of them as one candidate, and shapes of their
-    drivers that no list has."""
+    drivers that no list has; `others`: shapes of another driver, which these depend on."""
 
     members: tuple[int, ...]
     listed: Candidate
     shapes: tuple[Candidate, ...]
+    others: tuple[Candidate, ...] = ()
+
+    @property
+    def every(self) -> tuple[Candidate, ...]:
+        """All explanations, what is listed first."""
+        return (self.listed, *self.shapes, *self.others)
 
 
 def list_company(problem: Problem, effects: Mapping[int, Candidate]) -> list[Company]:
@@ -131,12 +140,19 @@ def _build_company(
         shapes = [(field, CandidateKind.DISTORTION) for field in others]
     else:
         shapes = _list_shapes(problem, mechanisms, place, drivers)
-    if not shapes:
+    steps = list_soft_steps(problem, mechanisms)
+    known = {*mechanisms, *(shape for shape, _ in shapes)}
+    springs = [m for m in list_springs(problem, place, mechanisms) if m not in known]
+    if not shapes and not steps and not springs:
         return None
-    prior = max(effects[g].prior for g in members)
+    odds = UNLISTED_ODDS * max(effects[g].prior for g in members)
+    weighed = [Candidate(m, kind, odds / len(shapes)) for m, kind in shapes]
+    soft = [Candidate(m, CandidateKind.SHAPE, odds) for m in steps]
+    loaded = [Candidate(m, CandidateKind.SHAPE, odds) for m in springs]
     listed = build_listed([effects[g] for g in members])
-    share = prior * UNLISTED_ODDS / len(shapes)
-    return Company(members, listed, tuple(Candidate(m, kind, share) for m, kind in shapes))
+    if f"torque{place[0]}" in drivers:
+        return Company(members, listed, (*weighed, *soft, *loaded))
+    return Company(members, listed, (*weighed, *soft), tuple(loaded))
 
 
 def build_listed(effects: Sequence[Candidate]) -> Candidate:
@@ -214,11 +230,14 @@ def _list_alike(problem: Problem, candidate: Candidate, prior: float) -> Iterato
     simple = [
         (kind, [m for m in generate(problem, own) if m != own]) for generate, kind in SIMPLE.items()
     ]
-    sorts = 1 + sum(bool(mechanisms) for _, mechanisms in simple)
+    soft = [shape for generate in SOFT for shape in generate(problem, own)]
+    sorts = 1 + sum(bool(mechanisms) for _, mechanisms in simple) + bool(soft)
     share = UNLISTED_ODDS * prior / sorts
     yield from _weigh(free, "drivers", share)
     for kind, mechanisms in simple:
         yield from _weigh(mechanisms, _compare_drivers(mechanisms, drivers), share, kind)
+    for shape in soft:
+        yield from _weigh([shape], "drivers", share)
 
 
 def _list_elsewhere(problem: Problem, candidate: Candidate, prior: float) -> Iterator[Rival]:

@@ -1,0 +1,118 @@
+"""Soft shapes: functions of one driver that level off by and by, without a corner or a period.
+
+A spring that stiffens resembles a power of its torque, or a proportion and a step; a soft step over a
+part of a turn resembles a wave. Where a soft shape would do as well, the driver is proven, its shape is
+not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import product
+
+import numpy as np
+
+from ..fitting.problem import Problem
+from ..mechanisms.causes import Applied
+from ..mechanisms.motors import joint_axis
+from ..mechanisms.terms import Mechanism
+from ..robot.gravity import find_gravity_joints
+from .credible_sets import ALIKE
+from .distinct_places import Place
+from .driver_functions import level_off
+from .simple_shapes import find_own_wave
+from .torque_powers import build_powers, scale_torque
+from .unregistered import build_cell
+
+# typical torques by how far a spring that levels off is softer than at none, and one that stiffens
+# as a root does
+LEVELLING = (0.25, 0.5, 1.0, 2.0, 4.0)
+STIFFENING = (2.0, 8.0)
+# where a soft step of a joint is steepest, in its range from -1 to 1, and how steep it is there
+CENTRES = (-0.6, -0.4, -0.2, 0.0, 0.2, 0.4, 0.6)
+SLOPES = (0.7, 1.0, 1.5, 2.2, 3.2, 4.7)
+# waves over a joint's range from which a single step is no rival
+MOST_WAVES = 1.5
+TURN = 2 * np.pi
+
+
+def generate_soft_springs(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
+    """Generate springs that stiffen with the torque about a joint, beside a power of it. None for any
+    other finding."""
+    joint, _ = next(iter(found.names_by_place()))
+    if found.names() != {f"torque{joint}"}:
+        return
+    powers = build_powers(problem, joint)
+    if found in powers.values():
+        yield from build_soft_springs(problem, joint)
+
+
+def build_soft_springs(problem: Problem, joint: int) -> Iterator[Mechanism]:
+    """Build a joint's motions with functions of its torque that rise less and less; none without load."""
+    share = scale_torque(problem, joint)
+    if share is None:
+        return
+    place = joint, joint_axis(problem.robot, joint)
+    size = Applied("abs", share)
+    for factor in LEVELLING:
+        softer = factor * size + 1.0
+        yield build_cell(place, (share / softer,))
+    side = Applied("sign", share)
+    for factor in STIFFENING:
+        root = Applied("root", factor * size + 1.0)
+        yield build_cell(place, (side * (root - 1.0),))
+
+
+def list_springs(problem: Problem, place: Place, found: Sequence[Mechanism]) -> list[Mechanism]:
+    """List powers of the torque about a joint and springs that stiffen, which several findings at its
+    motion may approximate: one that follows this torque, or its sign, and others of it or of the
+    readings that it depends on."""
+    joint, axis = place
+    robot = problem.robot
+    loaded = find_gravity_joints(robot)
+    if joint not in loaded or axis != joint_axis(robot, joint):
+        return []
+    readings = (f"q{j}" for j in loaded)
+    possible = {f"torque{joint}", *readings}
+    is_alike = all(m.names() <= possible for m in found)
+    if not is_alike or not any(_follows_torque(problem, m, joint) for m in found):
+        return []
+    powers = build_powers(problem, joint)
+    return [*powers.values(), *build_soft_springs(problem, joint)]
+
+
+def _follows_torque(problem: Problem, found: Mechanism, joint: int) -> bool:
+    """Return whether a finding of one number is in proportion to the torque about a joint or to its sign."""
+    if len(found.terms) > 1:
+        return False
+    torque = problem.state.value(f"torque{joint}")
+    values = np.asarray(found.terms[0].screws[0].cause.of(problem.state))
+    if not np.ptp(values) or not np.ptp(torque):
+        return False
+    sides = np.sign(torque)
+    loads = [load for load in (torque, sides) if np.ptp(load)]
+    return any(abs(np.corrcoef(values, load)[0, 1]) > ALIKE for load in loads)
+
+
+def list_soft_steps(problem: Problem, found: Sequence[Mechanism]) -> list[Mechanism]:
+    """List soft steps of a joint's own reading which several findings may approximate, all waves of it."""
+    counts = [find_own_wave(m)[1] for m in found]
+    if not all(counts):
+        return []
+    steps = [step for m in found for step in generate_soft_steps(problem, m)]
+    return list(dict.fromkeys(steps))
+
+
+def generate_soft_steps(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
+    """Generate soft steps of a joint's own reading, beside a wave of it of which little more than one
+    is within its range. None for any other finding."""
+    joint, count = find_own_wave(found)
+    if not count:
+        return
+    readings = problem.data.q[:, joint - 1]
+    waves = count * np.ptp(readings) / TURN
+    if not 0 < waves < MOST_WAVES:
+        return
+    (place,) = found.names_by_place()
+    for slope, centre in product(SLOPES, CENTRES):
+        step = level_off(problem, f"q{joint}", slope, centre)
+        yield build_cell(place, (step,))
