@@ -18,7 +18,7 @@ from ..mechanisms.terms import Mechanism
 from ..robot.gravity import find_gravity_joints
 from .credible_sets import ALIKE
 from .distinct_places import Place
-from .driver_functions import level_off
+from .driver_functions import scale_driver
 from .simple_shapes import find_own_wave
 from .torque_powers import build_powers, scale_torque
 from .unregistered import build_cell
@@ -113,6 +113,9 @@ def generate_soft_steps(problem: Problem, found: Mechanism) -> Iterator[Mechanis
     if not 0 < waves < MOST_WAVES:
         return
     (place,) = found.names_by_place()
+    scaled = scale_driver(problem, f"q{joint}")
     for slope, centre in product(SLOPES, CENTRES):
-        step = level_off(problem, f"q{joint}", slope, centre)
-        yield build_cell(place, (step,))
+        offset = slope * (scaled - centre)
+        root = Applied("root", offset * offset + 1.0)
+        for step in (Applied("tanh", offset), offset / root):
+            yield build_cell(place, (step,))
