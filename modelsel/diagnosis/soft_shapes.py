@@ -28,8 +28,10 @@ from .unregistered import build_cell
 LEVELLING = (0.25, 0.5, 1.0, 2.0, 4.0)
 STIFFENING = (2.0, 8.0)
 # where a soft step of a joint is steepest, in its range from -1 to 1, and how steep it is there
-CENTRES = (-0.6, -0.4, -0.2, 0.0, 0.2, 0.4, 0.6)
-SLOPES = (0.7, 1.0, 1.5, 2.2, 3.2, 4.7)
+CENTRES = tuple(k / 20 for k in range(-12, 13))
+SLOPES = (0.8, 1.0, 1.25, 1.55, 1.95, 2.45, 3.1, 4.0)
+# soft steps that are far enough apart to count each as much as a shape without a constant
+DISTINCT = 40
 # waves over a joint's range from which a single step is no rival
 MOST_WAVES = 1.5
 TURN = 2 * np.pi
@@ -73,8 +75,11 @@ def list_springs(problem: Problem, place: Place, found: Sequence[Mechanism]) -> 
         return []
     readings = (f"q{j}" for j in loaded)
     possible = {f"torque{joint}", *readings}
-    is_alike = all(m.names() <= possible for m in found)
-    if not is_alike or not any(_follows_torque(problem, m, joint) for m in found):
+    follow = [_follows_torque(problem, m, joint) for m in found]
+    is_alike = all(
+        follows or m.names() <= possible for follows, m in zip(follow, found, strict=True)
+    )
+    if not is_alike or not any(follow):
         return []
     powers = build_powers(problem, joint)
     return [*powers.values(), *build_soft_springs(problem, joint)]

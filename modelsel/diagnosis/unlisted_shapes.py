@@ -44,7 +44,13 @@ from .joint_drags import (
 from .pair_waves import generate_waves_of, generate_waves_together
 from .signatures import leave_out_sides
 from .simple_shapes import generate_products, generate_pulls, generate_saws, generate_soft_lags
-from .soft_shapes import generate_soft_springs, generate_soft_steps, list_soft_steps, list_springs
+from .soft_shapes import (
+    DISTINCT,
+    generate_soft_springs,
+    generate_soft_steps,
+    list_soft_steps,
+    list_springs,
+)
 from .time_waves import generate_finer_time_waves
 from .torque_powers import generate_powers
 from .unregistered import RARE_WEIGHT
@@ -64,8 +70,6 @@ SIMPLE = {
     generate_waves_together: CandidateKind.WAVE,
     generate_distortions: CandidateKind.DISTORTION,
 }
-# shapes whose constants, of which there are many, are asked as little as those of the finding
-SOFT = (generate_soft_springs, generate_soft_steps)
 # kinds of waves, whose number may lie between those that are looked for
 OF_ANY_NUMBER = (CandidateKind.JOINT_WAVE, CandidateKind.SLIDE_WAVE, CandidateKind.TIME_WAVE)
 # prior probability of a further listed finding at a place, where one is
@@ -147,7 +151,7 @@ def _build_company(
         return None
     odds = UNLISTED_ODDS * max(effects[g].prior for g in members)
     weighed = [Candidate(m, kind, odds / len(shapes)) for m, kind in shapes]
-    soft = [Candidate(m, CandidateKind.SHAPE, odds) for m in steps]
+    soft = [Candidate(m, CandidateKind.SHAPE, DISTINCT * odds / len(steps)) for m in steps]
     loaded = [Candidate(m, CandidateKind.SHAPE, odds) for m in springs]
     listed = build_listed([effects[g] for g in members])
     if f"torque{place[0]}" in drivers:
@@ -230,14 +234,16 @@ def _list_alike(problem: Problem, candidate: Candidate, prior: float) -> Iterato
     simple = [
         (kind, [m for m in generate(problem, own) if m != own]) for generate, kind in SIMPLE.items()
     ]
-    soft = [shape for generate in SOFT for shape in generate(problem, own)]
-    sorts = 1 + sum(bool(mechanisms) for _, mechanisms in simple) + bool(soft)
+    springs = list(generate_soft_springs(problem, own))
+    steps = list(generate_soft_steps(problem, own))
+    sorts = 1 + sum(bool(mechanisms) for _, mechanisms in simple) + bool(springs or steps)
     share = UNLISTED_ODDS * prior / sorts
     yield from _weigh(free, "drivers", share)
     for kind, mechanisms in simple:
         yield from _weigh(mechanisms, _compare_drivers(mechanisms, drivers), share, kind)
-    for shape in soft:
-        yield from _weigh([shape], "drivers", share)
+    # the constant of a power is not asked, either
+    yield from _weigh(springs, "drivers", UNLISTED_ODDS * prior * len(springs))
+    yield from _weigh(steps, "drivers", DISTINCT * share)
 
 
 def _list_elsewhere(problem: Problem, candidate: Candidate, prior: float) -> Iterator[Rival]:
