@@ -11,7 +11,6 @@ import pytest
 from builders import drawn, seeds
 from hidden_arm import Arm, Effect, State, arm, measured
 from hidden_effects import at, together
-from scipy.special import ndtr
 
 from modelsel._typing import Array
 from modelsel.diagnosis.candidate_kinds import CandidateKind
@@ -139,6 +138,8 @@ def test_springs_stand_in_the_place_of_findings_that_follow_the_torque(rng: Rng)
     assert list_springs(problem, place, (twist, readings[2]))
     assert not list_springs(problem, place, (twist, readings[0]))
     assert not list_springs(problem, place, (twist, build_cell(place, (Named("approach3"),))))
+    follows = build_cell(place, (torque(3) + 1e-6 * q(1),))
+    assert list_springs(problem, place, (follows, step)) == springs
     assert not list_springs(problem, (3, "rx"), (twist, step))
     assert not list_springs(problem, (1, "rz"), (build_cell((1, "rz"), (sign(torque(1)),)),))
 
@@ -212,7 +213,7 @@ SPRINGS: dict[str, Callable[[Array], Array]] = {
 
 
 @pytest.mark.slow
-@seeds(1, 2, 3)
+@seeds(1, 2)
 @pytest.mark.parametrize("kind", SPRINGS)
 def test_a_spring_that_stiffens_is_no_power_of_its_torque_beside_play(kind: str, rng: Rng) -> None:
     joint = int(rng.integers(2, 4))
@@ -227,22 +228,3 @@ def test_a_spring_that_stiffens_is_no_power_of_its_torque_beside_play(kind: str,
     turns = [(joint, spring, rng.uniform(15, 30)), (joint, play, 8.0)]
     told = list_shapes_told(plant(ARMS[int(rng.integers(2))], rng, *turns))
     assert set(told) <= {f"approach-backlash:{joint}"}
-
-
-STEPS: dict[str, Callable[[Array], Array]] = {"arctan": np.arctan, "normal": ndtr}
-
-
-@pytest.mark.slow
-@seeds(1, 2)
-@pytest.mark.parametrize("kind", STEPS)
-def test_a_soft_step_over_a_part_of_a_turn_is_no_wave(kind: str, rng: Rng) -> None:
-    joint = int(rng.integers(2, 4))
-    steep = rng.uniform(1.6, 2.2)
-
-    def step(s: State) -> Array:
-        own = s.q[:, joint - 1]
-        middle = 0.5 * (own.min() + own.max())
-        return STEPS[kind](steep * (own - middle) / (own.max() - middle))
-
-    problem = plant(ARMS[int(rng.integers(2))], rng, (joint, step, 12.0))
-    assert not list_shapes_told(problem)
