@@ -195,14 +195,14 @@ def _take_back(concluded: Conclusion) -> Conclusion:
         start = concluded.view.fitted
         # what stays keeps its order
         kept = [g for g in now if g in better]
-        new = [g for g in better if g not in kept]
-        chosen = [*kept, *new]
+        chosen = [*kept, *(g for g in better if g not in kept)]
         further = explore_further(search, chosen, start, path)
         if further is None:
             break
-        before, concluded = concluded, conclude(further)
-        if concluded.mechanisms == before.mechanisms:  # it led back
+        searched = conclude(further)
+        if searched.mechanisms == concluded.mechanisms:  # it led back
             break
+        concluded = searched
     return concluded
 
 
