@@ -47,7 +47,7 @@ SAME_MOMENT = 1.0
 MIN_GROUP_ROWS = 4
 # columns of the log that Universal Robots' controllers write, with seconds since their start
 UR_CLOCK = "timestamp"
-UR_COLUMNS = ("actual_", "target_")
+UR_COLUMNS = {"actual_q_0", "target_q_0"}
 # °C in which people work
 ROOM_CELSIUS = (-10.0, 60.0)
 
@@ -191,7 +191,7 @@ def _find_time(table: Table, names: Sequence[ColumnName]) -> list[ColumnName]:
 
 def _is_ur_log(table: Table) -> bool:
     """Whether columns are called as in the log of a controller of Universal Robots."""
-    return any(name.startswith(UR_COLUMNS) for name in table.columns)
+    return any(name in UR_COLUMNS for name in table.columns)
 
 
 def _keep_one_clock(table: Table, found: list[ColumnName]) -> list[ColumnName]:

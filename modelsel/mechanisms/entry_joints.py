@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from numbers import Integral
 
 from .._arguments import describe_value
 from ..exceptions import StudyError
@@ -18,11 +19,16 @@ def list_entry_joints(name: str, joints: Joints | None, robot: Robot) -> tuple[i
         return ()
     if callable(joints):
         return joints(robot)
-    is_listed = isinstance(joints, (tuple, list))
-    if not is_listed or not all(type(joint) is int for joint in joints):
+    is_listed = isinstance(joints, Sequence)
+    if not is_listed or not all(_is_number(joint) for joint in joints):
         found = describe_value(joints)
         raise StudyError(
             f'the registry\'s "{name}": joints: their numbers, as (1, 2, 3), or a function robot -> '
             f"numbers was expected, found {found}."
         )
-    return tuple(joint for joint in joints if 1 <= joint <= robot.n)
+    once = dict.fromkeys(int(joint) for joint in joints)
+    return tuple(joint for joint in once if 1 <= joint <= robot.n)
+
+
+def _is_number(joint: object) -> bool:
+    return isinstance(joint, Integral) and not isinstance(joint, bool)

@@ -116,7 +116,8 @@ def offer_uncertainties(table: Table, columns: Collection[str]) -> list[str]:
     is_read = any(name in table or name in columns for name in UNCERTAINTY_COLUMNS)
     names = [parse_column_name(name, table.units.get(name)) for name in table.columns]
     found = find_uncertainties(names)
-    if is_read or not found:
+    # of two kinds of uncertainties, none is the likelier one
+    if is_read or len(found) != len(UNCERTAINTY_COLUMNS):
         return []
     pairs = zip(UNCERTAINTY_COLUMNS, found, strict=True)
     options = " ".join(f"--column {shlex.quote(f'{wanted}={own}')}" for wanted, own in pairs)

@@ -753,6 +753,29 @@ def test_uncertainties_of_spatial_analyzer_are_offered() -> None:
     np.testing.assert_allclose(data.sigma, frame[names[:3]])
 
 
+def test_of_two_kinds_of_uncertainties_none_is_offered() -> None:
+    """It ended in an internal error."""
+    frame = campaign()
+    names = ["Ux", "Uy", "Uz", "U95 X", "U95 Y", "U95 Z"]
+    frame[names] = np.random.default_rng().uniform(0.02, 0.03, (40, 6)).round(4)
+    frame.to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert ran.exit_code == 0, ran.output
+    assert "standard deviations" not in ran.stdout
+    assert "possible causes" not in ran.stdout
+
+
+def test_a_timestamp_beside_another_tools_target_is_no_clock_in_seconds() -> None:
+    """It was read as one of Universal Robots, whatever column began with their word."""
+    frame = campaign()
+    frame["target_speed"] = 0.25
+    frame["timestamp"] = 1000 * np.arange(len(frame))
+    frame.to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert ran.exit_code == 0, ran.output
+    assert "as time_s" not in ran.stdout
+
+
 def test_the_clock_of_a_ur_is_the_time() -> None:
     frame = campaign()
     seconds = 80 + np.random.default_rng().uniform(5, 20, 40).cumsum().round(3)

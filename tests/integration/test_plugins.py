@@ -353,4 +353,6 @@ def test_joints_may_be_numbers() -> None:
 
     listed = every(PUMA, {"m": PerJoint(build, (1, 3, 7))})
     assert listed == every(PUMA, {"m": PerJoint(build, lambda robot: (1, 3))})
+    repeated = every(PUMA, {"m": PerJoint(build, (1, 2, 3, 3))})
+    assert repeated == every(PUMA, {"m": PerJoint(build, range(1, 4))})
     assert [one.name for one in listed] == ["m:1", "m:3"]

@@ -53,7 +53,7 @@ def test_words_of_one_study_are_not_those_of_the_others(tmp_path) -> None:
     notes = [{"code": code, "sentence": f"Other {code}."} for code in NOTES[:1]]
     (tmp_path / "arm2" / "result.json").write_text(json.dumps({"warnings": notes}))
     (page,) = read_pages(rows, tmp_path)
-    assert f"arm0: What {NOTES[0]} says. The others have other words." in page
+    assert f"arm0: What {NOTES[0]} says. Others say it in other words." in page
     assert f"arm0: What {NOTES[1]}" not in page
 
 

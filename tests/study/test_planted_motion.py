@@ -81,7 +81,7 @@ def test_hysteresis_is_refused_where_the_way_is_not_known(tmp_path, rng) -> None
     with pytest.raises(StudyError, match="nobody knows which way joint 2 went") as refusal:
         simulate_study(path)
     (sentence,) = refusal.value.problems
-    assert sentence.startswith('study.toml: simulate.effect 1: "drag2_500" is not known')
+    assert sentence.startswith('study.toml: simulate.effect.1: "drag2_500" is not known')
     assert "Leave these columns out" in sentence
     checked = inspect_study(read_study(path), tmp_path)
     assert checked["study"]["refused"] == [sentence]

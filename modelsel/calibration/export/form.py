@@ -43,10 +43,11 @@ class Exported:
 
     def __repr__(self) -> str:
         size = len(self.text)
-        missing = "nothing"
+        told = f"Export of {size:,} characters"
         if self.left_out:
             missing = "; ".join(self.left_out)
-        return f"Export of {size:,} characters, without {missing}"
+            told += f", without {missing}"
+        return told
 
     @property
     def worse(self) -> str | None:

@@ -244,11 +244,11 @@ def _write_notes(done: Sequence[Row], out: Path) -> list[Block]:
 
 
 def _write_note(sentences: Sequence[str], studies: Sequence[str]) -> str:
-    """Write a note in the words of the first study that has it, whose they are where others differ."""
+    """Write a note in the words of the first study that has it, whose they are where some differ."""
     first = shorten(sentences[0], LONGEST_NOTE)
     if len(sentences) == 1:
         return first
-    return f"{shorten(studies[0], LONGEST_STUDY)}: {first} The others have other words."
+    return f"{shorten(studies[0], LONGEST_STUDY)}: {first} Others say it in other words."
 
 
 def _read_notes(row: Row, out: Path) -> list[dict[str, str]]:
