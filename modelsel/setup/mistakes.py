@@ -285,7 +285,7 @@ def _generate_with_positions(
         return
     n = problem.robot.n
     for mistake in list_position_mistakes(n, False):
-        scale = float(mistake.B[0, 0])
+        scale = float(np.cbrt(np.linalg.det(mistake.B)))
         if factor * scale <= 0:
             continue
         difference = abs(np.log(factor / scale))

@@ -209,12 +209,19 @@ def list_reversed_joints(n: int) -> Iterator[Mistake]:
 
 
 def list_position_mistakes(n: int, framed: bool) -> Iterator[Mistake]:
-    """List mistakes of the positions: units and handedness; axis by axis where the positions are
+    """List mistakes of the positions: units, of all or of one axis, and handedness; axis by axis where the positions are
     said to be in the robot's own frame (`framed`)."""
     units = [(unit.scale, unit.words, unit.look) for unit in SCALES]
     for scale, words, look in (*units, *LARGER_UNITS):
         scaling = np.eye(3) * scale
         yield _change_positions(f"the positions {words}", look, scaling, n)
+    for a, axis in enumerate("xyz"):
+        look = f"check the unit of the column of {axis}"
+        for unit in SCALES:
+            of_axes = np.ones(3)
+            of_axes[a] = unit.scale
+            B = np.diag(of_axes)
+            yield _change_positions(f"the values of {axis} {unit.words}", look, B, n)
     if not framed:
         words, look = MIRRORED
         yield _change_positions(f"the positions {words}", look, -np.eye(3), n)

@@ -103,6 +103,19 @@ def test_in_the_robots_own_frame(name, rng) -> None:
     assert words in (said(arm(rng, "ur5", registered=False), change, False) or "")
 
 
+@pytest.mark.parametrize("registered", [False, True])
+@pytest.mark.parametrize(("size", "unit"), [(1000.0, "metres"), (25.4, "inches")])
+def test_one_column_in_another_unit(registered: bool, size: float, unit: str, rng) -> None:
+    at = arm(rng, "ur5", registered=registered)
+    axis = int(rng.integers(3))
+    name = "xyz"[axis]
+    wrong = np.where(np.arange(3) == axis, size, 1.0)
+    sentence = said(at, lambda q, x: (q, x / wrong), registered) or ""
+    assert (
+        f"if the values of {name} are {unit}: check the unit of the column of {name}." in sentence
+    )
+
+
 @pytest.mark.slow
 def test_what_the_study_says_of_tool_and_frame(rng) -> None:
     """A tool left out, a tracker that is not the base, and that with a joint's sense."""
