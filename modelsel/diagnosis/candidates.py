@@ -26,6 +26,7 @@ from ..mechanisms.terms import Mechanism
 from ..selection.comparison import MAX_CANDIDATES
 from .arm_shapes import find_still_readings, generate_arm_shapes
 from .candidate_kinds import NAMED_IN_WORDS, CandidateKind
+from .cause_words import write_cause
 from .data_faults import FaultKind, find_fault_kind
 from .joint_shapes import generate_joint_shapes
 from .options import DEFAULT_OPTIONS, DiagnosisOptions
@@ -145,7 +146,7 @@ class Candidate:
         words: list[str] = []
         for term in mechanism.terms:
             for screw in term.screws:
-                cause = round_numbers(str(screw.cause))
+                cause = write_cause(screw.cause)
                 if cause not in words:
                     words.append(cause)
         return conjunction.join(words)

@@ -6,31 +6,26 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from ..exceptions import choice_list, sentence_list
-from ..measurements.state_names import is_where_target_is, parse_state_name
+from ..measurements.state_names import is_where_target_is
 from ..mechanisms.causes import Bump
 from ..mechanisms.terms import describe_frame_motion
 from .candidate_kinds import CandidateKind
+from .cause_words import follow, name_driver
 from .credible_sets import FOUND
+from .effect_sentences import describe_effect, list_cautions
 from .effects import Effect
 from .rival_names import NAMED_RIVALS
 from .sentences import (
     describe_amount,
     describe_candidate,
-    describe_effect,
     has_contrary_signs,
-    list_cautions,
+    name_joint,
     sum_of_name,
     weigh_listed,
 )
 from .signatures import LEVELS, PROVEN
 from .stated_probability import format_probability
 
-# columns of the data that have words of their own
-COLUMNS = {
-    "payload_kg": "the payload",
-    "temperature_C": "the temperature",
-    "time_s": "the course of the campaign",
-}
 # causes that a shape is told with; a mechanism that has more is told by its name
 MOST_DRIVERS = 6
 # what all errors of an instrument say that follow from where the target is
@@ -87,10 +82,14 @@ def is_settled(effect: Effect) -> bool:
         return False
     if effect.claim is None:
         return True
-    candidate = effect.candidate
-    is_shape = not candidate.registered or has_contrary_signs(candidate.mechanism, effect.estimate)
-    level = LEVELS.index("shape" if is_shape else "cause")
+    level = LEVELS.index("shape" if claims_shape(effect) else "cause")
     return effect.claim.levels[level] >= PROVEN
+
+
+def claims_shape(effect: Effect) -> bool:
+    """Whether an effect claims a shape at most, since no registered mechanism describes it."""
+    candidate = effect.candidate
+    return not candidate.registered or has_contrary_signs(candidate.mechanism, effect.estimate)
 
 
 def list_likelier(effect: Effect) -> list[str]:
@@ -129,7 +128,7 @@ def describe_what(effect: Effect) -> str:
     """Describe what a finding says of the arm, without its size, as deep as it is proven."""
     claimed = _find_shorter_claim(effect)
     if claimed is None:
-        return describe_candidate(effect.candidate, effect.estimate)
+        return describe_candidate(effect.candidate, effect.estimate, name_joint(effect))
     return claimed.text
 
 
@@ -167,16 +166,8 @@ def _list_sizes(effect: Effect) -> list[str]:
 
 def name_drivers(names: Iterable[str]) -> str:
     """Name what something depends on, in words; nothing where that is nothing."""
-    words = list(dict.fromkeys(_name_driver(name) for name in sorted(names)))
+    words = list(dict.fromkeys(name_driver(name) for name in sorted(names)))
     return sentence_list(words) if words else ""
-
-
-def _name_driver(name: str) -> str:
-    """Name a state variable, or a column of the data."""
-    variable = parse_state_name(name)
-    if variable is not None:
-        return variable.words
-    return COLUMNS.get(name, f"the column {name}")
 
 
 def name_places(effect: Effect) -> str:
@@ -238,7 +229,7 @@ def _list_sure_drivers(effect: Effect) -> str:
     for name, probability in claim.drivers if claim is not None else ():
         if probability >= PROVEN:
             is_own = _is_own_reading(effect, [name])
-            driver = "its own reading" if is_own else _name_driver(name)
+            driver = "its own reading" if is_own else name_driver(name)
             written = format_probability(probability)
             words.append(f"{driver} ({written})")
     return sentence_list(words) if words else ""
@@ -344,7 +335,7 @@ def _describe_shape(effect: Effect) -> str:
         return f"The instrument measures wrongly, by a {candidate.label}"
     if candidate.registered and len(candidate.mechanism.names()) > MOST_DRIVERS:
         return f"{name_places(effect)} as {candidate.label} describes, but with other signs"
-    return f"{name_places(effect)} with {causes}"
+    return f"{name_places(effect)}{follow(candidate.mechanism, causes)}"
 
 
 def _describe_cause(effect: Effect) -> str:

@@ -8,12 +8,14 @@ from collections.abc import Sequence
 
 from ..measurements.state_names import StateKind, StateVariable, parse_state_name
 from ..mechanisms.cause_formulas import MEMBER
+from .cause_words import SETTLING
 
 WORD = re.compile(r"[A-Za-z_]\w*")
 PLACE = re.compile(r"frame (\d+) ([tr])([xyz]) ·")
 WAVES = re.compile(r"waves of (\w+) times waves of (\w+)")
 SLOW = re.compile(r"([\d.]+) waves along the campaign")
 COURSE = re.compile(r"the smooth course of (\w+) in time")
+SETTLES = re.compile(rf"{SETTLING} [\d.]+ (?:s|min|h|% of the campaign)")
 NUMBERED = re.compile(r" \((\d+)\)$")
 # what follows it, such as the name of a target, is no cause
 REGISTERED = re.compile(r"(fault:)?[a-z0-9]+(-[a-z0-9]+)+(:|$| )")
@@ -72,6 +74,12 @@ def _explain_shapes(text: str) -> list[str]:
     if slow is not None:
         periods = slow[1]
         lines.append(f"{slow[0]}: a wave in time, {periods} periods from the first row to the last")
+    settling = SETTLES.search(text)
+    if settling is not None:
+        words = settling[0]
+        lines.append(
+            f"{words}: fast at first, then ever slower; after that time 37 % of it is left"
+        )
     course = COURSE.search(text)
     if course is not None:
         words = course[0]

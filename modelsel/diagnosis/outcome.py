@@ -13,8 +13,8 @@ from ..fitting.least_squares import Fit
 from ..mechanisms.terms import Mechanism
 from .candidates import Candidate
 from .credible_sets import CredibleSet
+from .effect_sentences import describe_effect
 from .effects import DROPPED, Effect
-from .sentences import describe_effect
 from .stated_probability import write_chance
 from .weighed_models import WeighedModel
 

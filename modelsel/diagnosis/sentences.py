@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from .._typing import Array
-from ..exceptions import count_words, sentence_list, write_percent, write_rounded
+from ..exceptions import count_words, write_rounded
 from ..measurements.state_names import StateKind, describe_state_name, parse_state_name
 from ..mechanisms.causes import Applied, Bump, find_bump
 from ..mechanisms.terms import Mechanism, Term, describe_frame_motion, letter
 from .candidates import Candidate
-from .credible_sets import FOUND, Entry
+from .cause_words import find_constant_of, follow
 from .effects import Effect
 from .fitted_curves import find_waves, measure_heights
-from .rival_names import NAMED_RIVALS, describe_open_names, list_rival_labels
-from .sign_constraints import are_unsigned_negative, find_contrary_terms
-from .stated_probability import describe_level_probability, format_probability, scale_listed
+from .sign_constraints import are_unsigned_negative
+from .stated_probability import scale_listed
 
 # sizes [rad] below which an angle has the next smaller unit
 PREFIXES = ((1e-6, 1e-9, "n"), (1e-4, 1e-6, "µ"), (0.5, 1e-3, "m"))
@@ -25,12 +24,12 @@ PREFIXES = ((1e-6, 1e-9, "n"), (1e-4, 1e-6, "µ"), (0.5, 1e-3, "m"))
 # the smaller is not mentioned
 LEVER_MM = 1000.0
 MIN_SHARE = 1e-3
+# ends what is said of a cell
+UNREGISTERED = "; no registered mechanism describes this"
 # s up to which a time is in ms
 LARGEST_MS = 0.5
 # rad from which an angle in a sentence is in degrees
 LARGEST_MRAD = 0.05
-# sizes that are unusual for an error of an arm, where the catalogue gives no range
-USUAL_SIZE = {"mm": 10.0, "rad": 0.02}
 
 
 def choose_prefix(size: float, unit: str) -> tuple[float, str]:
@@ -120,6 +119,9 @@ def describe_amount(terms: Sequence[Term], estimate: Array, error: Array) -> str
         return _describe_free_function(terms, estimate)
     if find_bump(first_screw.cause) is not None:
         return f"a function of {count_words(len(terms), 'coefficient')}"
+    if len(terms) == 1 and find_constant_of(first_screw.cause) is not None:
+        change = format_quantity(abs(float(estimate[0])), float(error[0]), first_term.unit)
+        return f"by {change} in all"
     amounts = []
     largest = _find_largest(terms, estimate, error)
     for term, value, sigma in zip(terms, estimate, error, strict=True):
@@ -185,27 +187,37 @@ def has_contrary_signs(mechanism: Mechanism, estimate: Array) -> bool:
     return bool(signs.any() and is_contrary[signs != 0].all())
 
 
-def describe_candidate(candidate: Candidate, estimate: Array) -> str:
+def describe_candidate(candidate: Candidate, estimate: Array, joint: str = "") -> str:
     """Describe what a candidate says of the arm, without its size.
 
     The sentence follows the signs of its fitted terms `estimate` (k,): what physics forbids is not
-    told as the mechanism."""
+    told as the mechanism. `joint`: the words for the joint that a cell moves, where it moves one."""
     mechanism = candidate.mechanism
     if has_contrary_signs(mechanism, estimate):
         if mechanism.contrary:
             return mechanism.contrary.rstrip(".")
         return (
-            f"{_describe_place(candidate)}; {mechanism.name} would have the opposite sign, so this "
+            f"{_describe_place(candidate, joint)}; {mechanism.name} would have the opposite sign, so this "
             "is something else"
         )
     if mechanism.contrary and are_unsigned_negative(mechanism, estimate):
         return mechanism.contrary.rstrip(".")
     if mechanism.sentence:
         return mechanism.sentence.rstrip(".")
-    return f"{_describe_place(candidate)}; no registered mechanism describes this"
+    return f"{_describe_place(candidate, joint)}{UNREGISTERED}"
 
 
-def _describe_place(candidate: Candidate) -> str:
+def name_joint(effect: Effect) -> str:
+    """Name the one joint along whose motion an effect acts, in words; empty where it acts otherwise."""
+    claim = effect.claim
+    places = effect.candidate.mechanism.names_by_place()
+    if claim is None or not claim.moves_joints or len(places) != 1:
+        return ""
+    ((joint, _),) = places
+    return f"Joint {joint} is off its reading"
+
+
+def _describe_place(candidate: Candidate, joint: str) -> str:
     """Describe what a candidate's first screw moves, and with what; of many frames which, and what
     they follow."""
     frames = candidate.many_frames
@@ -218,7 +230,8 @@ def _describe_place(candidate: Candidate) -> str:
     motion = describe_frame_motion(screw.frame, screw.axis)
     symbol = letter(screw.frame, screw.axis)
     causes = candidate.causes(" and ")
-    return f"{motion} ({symbol}) with {causes}"
+    where = joint or f"{motion} ({symbol})"
+    return f"{where}{follow(candidate.mechanism, causes)}"
 
 
 def label_effect(effect: Effect) -> str:
@@ -229,6 +242,16 @@ def label_effect(effect: Effect) -> str:
     return label
 
 
+def say_shape(effect: Effect) -> str:
+    """Say within a sentence what an effect does that no registered mechanism describes."""
+    candidate = effect.candidate
+    if candidate.registered:
+        return label_effect(effect)
+    words = describe_candidate(candidate, effect.estimate, name_joint(effect))
+    said = words.removesuffix(UNREGISTERED)
+    return f"{said[0].lower()}{said[1:]}"
+
+
 def list_usual_causes(effect: Effect) -> tuple[str, ...]:
     """List the parts that usually do what an effect does; none where its signs are not the
     mechanism's."""
@@ -236,132 +259,6 @@ def list_usual_causes(effect: Effect) -> tuple[str, ...]:
     if has_contrary_signs(mechanism, effect.estimate):
         return ()
     return mechanism.usual_causes
-
-
-def list_cautions(effect: Effect) -> list[str]:
-    """List what the catalogue does not expect of an effect: signs, sizes, what cancels it."""
-    cautions = list(_generate_sign_cautions(effect))
-    mechanism = effect.candidate.mechanism
-    # which the sentence says
-    is_told = has_contrary_signs(mechanism, effect.estimate)
-    contrary = find_contrary_terms(mechanism, effect.estimate, effect.standard_error)
-    for term, value, error, is_contrary in zip(
-        mechanism.terms, effect.estimate, effect.standard_error, contrary, strict=True
-    ):
-        if is_contrary and not is_told:
-            cautions.append(
-                f"the sign of {term.symbol} is opposite to what physics predicts, so another cause "
-                "is likely"
-            )
-        cautions += _generate_size_cautions(term, float(value), float(error))
-    after = effect.after_selection
-    if after is not None and after.differs(effect.estimate, effect.standard_error):
-        cautions.append(
-            f"allowing for the search, its size is {100 * after.low:.0f} to {write_percent(after.high)} of this (95 %)"
-        )
-    if effect.claim is not None and effect.claim.waves:
-        cautions.append(describe_aliases(effect.claim.waves))
-    if effect.lasting:
-        cautions.append(f"errors that last may do the same (probability {effect.lasting:.2f})")
-    if effect.cancels is not None:
-        other, share = effect.cancels
-        cautions.append(
-            f"{other} cancels most of it; together they move the target by {write_percent(share)} of what "
-            "either does alone: the data do not determine the size of each"
-        )
-    return cautions
-
-
-def _generate_sign_cautions(effect: Effect) -> Iterator[str]:
-    """Generate a caution for every registered mechanism that only the opposite sign would allow.
-
-    Such a mechanism has the same screws, and physics gives it one sign."""
-    entries = effect.named.entries
-    alike = [entry for entry in entries if entry.alike]
-    explanations: list[Effect | Entry] = [effect, *alike]
-    named: set[str] = set()
-    for explanation in explanations:
-        estimate = explanation.estimate
-        for mechanism in explanation.candidate.but_for_sign:
-            name = mechanism.name
-            is_contrary = has_contrary_signs(mechanism, estimate)
-            if not is_contrary or name in named:
-                continue
-            named.add(name)
-            yield f"{name} would do the same with the opposite sign only, so this is not {name}"
-
-
-def _generate_size_cautions(term: Term, value: float, error: float) -> Iterator[str]:
-    largest = USUAL_SIZE.get(term.unit, np.inf)
-    if term.size is not None:
-        largest = term.size[1]
-    limit = format_quantity(largest, None, term.unit)
-    if error > largest:
-        yield (
-            f"the data do not determine the size of {term.symbol}: its standard error is larger "
-            f"than such an error usually is ({limit})"
-        )
-    elif abs(value) - 2 * error > largest:
-        yield f"{term.symbol} is larger than usual ({limit})"
-
-
-def describe_effect(effect: Effect, doubt: str = "") -> str:
-    """Describe one finding in one sentence; `doubt`, where there is one, stands beside its name."""
-    candidate = effect.candidate
-    terms = candidate.mechanism.terms
-    what = describe_candidate(candidate, effect.estimate)
-    amount = describe_amount(terms, effect.estimate, effect.standard_error)
-    if effect.named.verdict == FOUND:
-        standing = _describe_probability(effect)
-    else:
-        standing = _describe_rivals(effect)
-    if doubt:
-        standing = f"{standing}, {doubt}"
-    parts = [f"{what}: {amount}{standing}", *list_cautions(effect)]
-    return "; ".join(parts) + "."
-
-
-def describe_aliases(waves: Sequence[int]) -> str:
-    """Say which other numbers of waves a turn do the same at all readings."""
-    shown = [str(count) for count in waves[:NAMED_RIVALS]]
-    listed = f"{sentence_list(shown)} waves a turn"
-    if len(waves) > NAMED_RIVALS:
-        listed = f"{', '.join(shown)} and other numbers of waves a turn"
-    return (
-        f"{listed} do the same at these readings as the fitted wave; readings between these would "
-        "tell them apart"
-    )
-
-
-def _describe_probability(effect: Effect) -> str:
-    candidate = effect.candidate
-    entries = effect.named.entries
-    written = _write_probability(effect)
-    probability = f"probability {written}"
-    if candidate.asked:
-        probability += " among those considered"
-    text = f" ({label_effect(effect)}, {probability}"
-    alike = [e for e in entries if e.alike]
-    labels_alike = {e.candidate.label for e in alike}
-    rivals = list_rival_labels(effect)
-    twins = [rival for rival in rivals if rival in labels_alike]
-    if twins:
-        scale = weigh_listed(effect)
-        share = sum(e.probability for e in alike)
-        together = scale * share
-        listed = twins[:NAMED_RIVALS]
-        named = ", ".join(listed)
-        same_move = f"{named} would move the target in the same way"
-        text += f"; {same_move}, together {format_probability(together)}"
-    return text + ")"
-
-
-def _write_probability(effect: Effect) -> str:
-    """Write how probable the level is that an effect is told at, or the listed name where no level
-    was weighed."""
-    if effect.claim is None:
-        return format_probability(sum_of_name(effect))
-    return describe_level_probability(effect.claim.levels)
 
 
 def sum_of_name(effect: Effect) -> float:
@@ -374,15 +271,3 @@ def weigh_listed(effect: Effect) -> float:
     beside that of the name."""
     levels = () if effect.claim is None else effect.claim.levels
     return scale_listed(levels, sum_of_name(effect))
-
-
-def _describe_rivals(effect: Effect) -> str:
-    odds = []
-    scale = weigh_listed(effect)
-    weights = effect.named.sum_by_label()
-    for label, weight in list(weights.items())[: NAMED_RIVALS + 1]:
-        written = format_probability(scale * weight)
-        odds.append(f"{label} {written}")
-    listed = ", ".join(odds)
-    left = describe_open_names(effect)
-    return f"; {left} ({listed})"

@@ -14,9 +14,9 @@ from searches import search_independent
 from modelsel.config.study_file import read_study
 from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.effect_sentences import list_cautions
 from modelsel.diagnosis.effects import Effect
 from modelsel.diagnosis.procedure import diagnose_split
-from modelsel.diagnosis.sentences import list_cautions
 from modelsel.fitting.design import Model
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import Applied, Named, q, sin

@@ -14,12 +14,12 @@ from searches import ignore
 from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate, build_candidates
 from modelsel.diagnosis.credible_sets import CredibleSet, Entry
+from modelsel.diagnosis.effect_sentences import list_cautions
 from modelsel.diagnosis.effects import Claim, Effect
 from modelsel.diagnosis.kept_causes import KeptCauses
 from modelsel.diagnosis.options import DEFAULT_OPTIONS
 from modelsel.diagnosis.outcome import Diagnosis
 from modelsel.diagnosis.procedure import diagnose, diagnose_split
-from modelsel.diagnosis.sentences import list_cautions
 from modelsel.diagnosis.separation import Inquiry, _is_in_time, _Separation, _share_with_lasting
 from modelsel.diagnosis.stepwise import explore
 from modelsel.fitting.design import Model, assemble, whiten

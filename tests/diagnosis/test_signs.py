@@ -18,11 +18,12 @@ from modelsel.diagnosis.candidate_columns import build_columns, stack_design
 from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate, build_candidates
 from modelsel.diagnosis.credible_sets import CredibleSet
+from modelsel.diagnosis.effect_sentences import describe_effect
 from modelsel.diagnosis.effects import Effect
 from modelsel.diagnosis.evidence import compute_log_bayes_factors, normalise_strength
 from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.diagnosis.scan import Scan, build_scan, compute_basis
-from modelsel.diagnosis.sentences import describe_effect, label_effect, list_usual_causes
+from modelsel.diagnosis.sentences import label_effect, list_usual_causes
 from modelsel.diagnosis.sign_constraints import find_contrary_terms
 from modelsel.diagnosis.signatures import PROVEN
 from modelsel.fitting.design import Model
@@ -217,8 +218,8 @@ def test_play_is_short_of_the_reading_and_overshoot_past_it(
             -1,
             "joint-compliance:2 with the opposite sign",
             (
-                "Frame 2 turns about its z axis (γ2) with torque2; joint-compliance:2 would have the "
-                "opposite sign, so this is something else"
+                "Frame 2 turns about its z axis (γ2) in proportion to the gravity torque about joint 2; "
+                "joint-compliance:2 would have the opposite sign, so this is something else"
             ),
         ),
         ("settle:3", 1, "settle:3 with the opposite sign", "Joint 3 is past its reading"),

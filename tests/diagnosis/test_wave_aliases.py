@@ -13,8 +13,8 @@ from modelsel._typing import Array
 from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate
 from modelsel.diagnosis.claim_sentences import describe_proven
+from modelsel.diagnosis.effect_sentences import describe_aliases
 from modelsel.diagnosis.procedure import diagnose
-from modelsel.diagnosis.sentences import describe_aliases
 from modelsel.diagnosis.simple_shapes import find_own_wave
 from modelsel.diagnosis.unregistered import build_wave
 from modelsel.diagnosis.wave_aliases import MOST_WAVES, list_aliases
