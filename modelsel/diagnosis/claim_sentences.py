@@ -89,7 +89,10 @@ def is_settled(effect: Effect) -> bool:
 def claims_shape(effect: Effect) -> bool:
     """Whether an effect claims a shape at most, since no registered mechanism describes it."""
     candidate = effect.candidate
-    return not candidate.registered or has_contrary_signs(candidate.mechanism, effect.estimate)
+    if not candidate.registered:
+        return True
+    mechanism = candidate.mechanism
+    return has_contrary_signs(mechanism, effect.estimate)
 
 
 def list_likelier(effect: Effect) -> list[str]:

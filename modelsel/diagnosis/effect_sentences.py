@@ -115,7 +115,9 @@ def _list_size_cautions(effect: Effect) -> list[str]:
 def _count_more(listed: Sequence[object], verb: str) -> str:
     """Say of how many more the same holds; nothing where there is one."""
     more = len(listed) - 1
-    return f", and {verb} {more} more" if more else ""
+    if more == 0:
+        return ""
+    return f", and {verb} {more} more"
 
 
 def _find_usual(term: Term) -> float:
@@ -126,7 +128,9 @@ def _find_usual(term: Term) -> float:
 
 
 def _write_usual(term: Term) -> str:
-    return format_quantity(_find_usual(term), None, term.unit)
+    largest = _find_usual(term)
+    unit = term.unit
+    return format_quantity(largest, None, unit)
 
 
 def describe_effect(effect: Effect, doubt: str = "") -> str:

@@ -243,17 +243,7 @@ def _run_fold(k: int, split: Split, inquiry: Inquiry, fold: Index) -> _Fold:
     )
 
 
-def run_nested_folds(  # noqa: PLR0913  what is asked, and how
-    split: Split,
-    base: Model,
-    everything: tuple[Mechanism, ...],
-    seed: int,
-    cells: bool,
-    folds: int,
-    options: DiagnosisOptions = DEFAULT_OPTIONS,
-    *,
-    say: Say = keep_silent,
-) -> Nested:
+def run_nested_folds(split: Split, asked: Inquiry, folds: int) -> Nested:
     """Repeat outliers, naming and fit without each fold of the estimation configurations.
 
     Rows whose side of a step is not known without their fold are left out of the errors, unless all
@@ -263,9 +253,10 @@ def run_nested_folds(  # noqa: PLR0913  what is asked, and how
     from concurrent.futures.process import BrokenProcessPool
 
     rows = split.estimation
-    fold = assign_nested_folds(split, folds, seed)
+    fold = assign_nested_folds(split, folds, asked.seed)
     count = int(fold.max()) + 1
-    inquiry = Inquiry(base, everything, seed, cells, keep_silent, options)
+    say = asked.say
+    inquiry = asked._replace(say=keep_silent)
     run = partial(_run_fold, split=split, inquiry=inquiry, fold=fold)
     workers = min(count, count_cores())
     done: list[_Fold] = []

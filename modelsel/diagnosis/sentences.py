@@ -210,8 +210,11 @@ def describe_candidate(candidate: Candidate, estimate: Array, joint: str = "") -
 def name_joint(effect: Effect) -> str:
     """Name the one joint along whose motion an effect acts, in words; empty where it acts otherwise."""
     claim = effect.claim
-    places = effect.candidate.mechanism.names_by_place()
-    if claim is None or not claim.moves_joints or len(places) != 1:
+    if claim is None or not claim.moves_joints:
+        return ""
+    candidate = effect.candidate
+    places = candidate.mechanism.names_by_place()
+    if len(places) != 1:
         return ""
     ((joint, _),) = places
     return f"Joint {joint} is off its reading"
@@ -247,9 +250,11 @@ def say_shape(effect: Effect) -> str:
     candidate = effect.candidate
     if candidate.registered:
         return label_effect(effect)
-    words = describe_candidate(candidate, effect.estimate, name_joint(effect))
+    joint = name_joint(effect)
+    words = describe_candidate(candidate, effect.estimate, joint)
     said = words.removesuffix(UNREGISTERED)
-    return f"{said[0].lower()}{said[1:]}"
+    first = said[0].lower()
+    return f"{first}{said[1:]}"
 
 
 def list_usual_causes(effect: Effect) -> tuple[str, ...]:

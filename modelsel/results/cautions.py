@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from ..exceptions import sentence_list, write_rounded
 from ..notices import Note
 from ..selection.gain import Gain
+from .finding_records import Finding
 
 
 def explain_restriction(candidates: Sequence[str] | str) -> str:
@@ -25,6 +26,24 @@ def explain_unknown_gravity(notes: Sequence[Note]) -> str:
         " Springs, wind-up and bending under the arm's weight were not looked for, since no direction "
         "of gravity is known: for an upright robot write gravity = [0, 0, -1] under [robot] in the "
         "study file."
+    )
+
+
+def explain_doubted_gravity(findings: Sequence[Finding]) -> str:
+    """Return what a verdict adds where findings hold only for a direction of gravity that is in question;
+    else nothing."""
+    conditions = [one.condition for one in findings if one.condition]
+    if not conditions:
+        return ""
+    condition = conditions[0].removeprefix("This")
+    return f" What depends on gravity{condition}"
+
+
+def explain_open_mistake(mistake: Note) -> str:
+    """Return what a verdict says in place of findings where a mistake of the set-up comes first."""
+    return (
+        "No cause was looked for, since any would only make up for a mistake of the set-up. "
+        f"{mistake.sentence} Correct that and run the study again."
     )
 
 

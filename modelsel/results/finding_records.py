@@ -36,11 +36,13 @@ Values = dict[str, Any]
 @dataclass(frozen=True, eq=False)
 class Finding:
     """One decision: an effect, its sentence, what it gains on held-out rows; `orientation_gain`: the
-    same of orientation, where it turns the target more than it moves it, each against what is left."""
+    same of orientation, where it turns the target more than it moves it, each against what is left;
+    `condition`: a sentence on what it depends on that is in question."""
 
     effect: Effect
     gain: Gain
     orientation_gain: OrientationGain | None = None
+    condition: str = ""
 
     def __repr__(self) -> str:
         return f"Finding: {self.sentence}"
@@ -52,6 +54,8 @@ class Finding:
         words = describe_proven(self.effect, self._doubt)
         if self.against:
             words += f" Held-out configurations speak against it: {self.against}."
+        if self.condition:
+            words += f" {self.condition}"
         causes = list_usual_causes(self.effect)
         if causes and is_settled(self.effect):
             words += f" Usual causes: {', '.join(causes)}."

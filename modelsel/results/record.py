@@ -16,7 +16,7 @@ from ..diagnosis.candidates import Candidate
 from ..diagnosis.claim_sentences import is_settled, list_likelier, tell_rest
 from ..diagnosis.effects import Effect
 from ..diagnosis.rival_names import NAMED_RIVALS, list_rival_labels, list_twin_labels
-from ..diagnosis.sentences import label_effect
+from ..diagnosis.sentences import label_effect, say_shape
 from ..diagnosis.signatures import PROVEN
 from ..measurements.measurements import Measurements
 from ..mechanisms.terms import Mechanism
@@ -24,7 +24,12 @@ from ..notices import HOPELESS_FIT, Note
 from ..selection.branch_and_bound import Certified
 from ..selection.comparison import SubsetComparison
 from ..selection.evaluation import Evaluation, measure_orientation
-from .cautions import advise_nominal, explain_unknown_gravity
+from .cautions import (
+    advise_nominal,
+    explain_doubted_gravity,
+    explain_open_mistake,
+    explain_unknown_gravity,
+)
 from .finding_figures import FindingFigures, describe_figures, describe_small, measure_effects
 from .finding_records import describe_fault, describe_finding, list_screws
 from .goodness_of_fit import describe_noise, locate_features, measure_lack_of_fit
@@ -34,6 +39,7 @@ from .repeatability import describe_errors, measure_unrepeated
 from .rounded_readings import find_rounding
 from .schema import StudyRecord
 from .study_run import Explanation, ModelSearch, StudyRun
+from .unstated_gears import find_unstated_gears
 from .verdict import Named, NamedErrors, Noise, complete_verdict, write_verdict
 
 Values = dict[str, Any]
@@ -65,7 +71,7 @@ def _values(run: StudyRun) -> Values:
         "weighed_models": _weighed_models(run),
         "findings": _findings(run, figures),
         "small_findings": describe_small(named, figures),
-        "repeatability": describe_errors(diagnosis.search.errors, find_rounding(data)),
+        "repeatability": _repeatability(run),
         "nothing_else": _nothing_else(run),
         "nested_cv": _nested(models),
         "chosen": _chosen(run),
@@ -79,6 +85,17 @@ def _values(run: StudyRun) -> Values:
         "warnings": _warnings((*run.warnings, *run.uncertainty.notes)),
         **run.uncertainty.to_dict(),
     }
+
+
+def _repeatability(run: StudyRun) -> list[Values]:
+    """Return what does not repeat."""
+    search = run.diagnosis.search
+    errors = search.errors
+    ratios = run.study.robot.gear_ratios
+    unstated = find_unstated_gears(errors, run.robot, ratios)
+    data = run.problem.data
+    rounding = find_rounding(data)
+    return describe_errors(errors, rounding, unstated)
 
 
 def _verdict(run: StudyRun, named: NamedErrors) -> tuple[str, ...]:
@@ -97,7 +114,11 @@ def _verdict(run: StudyRun, named: NamedErrors) -> tuple[str, ...]:
         diagnosis.nothing_else.sentence,
     )
     gained, named_sentence, remainder = sentences
-    sentences = (gained, named_sentence + explain_unknown_gravity(run.warnings), remainder)
+    named_sentence += explain_unknown_gravity(run.warnings)
+    named_sentence += explain_doubted_gravity(diagnosis.findings)
+    if diagnosis.mistake is not None:
+        named_sentence = explain_open_mistake(diagnosis.mistake)
+    sentences = (gained, named_sentence, remainder)
     hopeless = [note.sentence for note in run.warnings if note.code == HOPELESS_FIT]
     orientation = measure_orientation(run.split, nominal, models.chosen)
     registered = "its base and the target" if run.study.robot.register_ else None
@@ -120,13 +141,16 @@ def collect_named(diagnosis: Explanation, figures: FindingFigures) -> list[Named
     named = [Named(fault.kind.label, True) for fault in diagnosis.faults]
     for finding, of in zip(diagnosis.findings, figures.each, strict=True):
         effect = finding.effect
+        is_known = is_settled(effect)
+        is_cause = effect.candidate.registered
         one = Named(
-            name=label_effect(effect),
-            is_settled=is_settled(effect),
+            name=say_shape(effect) if is_known and not is_cause else label_effect(effect),
+            is_settled=is_known,
             matters=of.matters,
             doubtful=finding.doubtful,
             rivals=_list_rivals(effect),
             likelier=tuple(list_likelier(effect)),
+            is_cause=is_cause,
         )
         named.append(one)
     return named

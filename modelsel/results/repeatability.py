@@ -29,6 +29,7 @@ from ..fitting.possible_parts import DIRECTIONS, GIVEN
 from .rounded_readings import Rounding
 from .schema import ErrorPartRecord
 from .study_sentences import format_share
+from .unstated_gears import ask_for_gears
 
 JOINT = "joint"
 # mm below which a length is written in µm
@@ -80,10 +81,13 @@ def measure_unrepeated(errors: ErrorStructure, floor: Floor) -> float:
 
 
 def describe_errors(
-    errors: ErrorStructure, rounding: Mapping[str, Rounding] = NOT_ROUNDED
+    errors: ErrorStructure,
+    rounding: Mapping[str, Rounding] = NOT_ROUNDED,
+    unstated_gears: Sequence[str] = (),
 ) -> list[Values]:
     """Return result.json's `repeatability`: the parts of what is left, the largest share first;
-    `rounding`: of the readings of joints, by the names of their parts."""
+    `rounding`: of the readings of joints, by the names of their parts; `unstated_gears`: the parts of
+    which a gear ratio may tell more."""
     parts = sorted(errors.parts, key=lambda part: -part.share)
     scales = {part.name: part.scale for part in parts}
     even = scales.get(INSTRUMENT, 0.0)
@@ -97,7 +101,8 @@ def describe_errors(
             "share": part.share,
             "told_by": part.told_by,
             "instead": list(part.instead),
-            "sentence": _describe_part(part, len(parts) == 1, even, rounding.get(part.name)),
+            "sentence": _describe_part(part, len(parts) == 1, even, rounding.get(part.name))
+            + ask_for_gears(part, unstated_gears),
         }
         for part in parts
     ]

@@ -52,8 +52,9 @@ class ModelSearch:
 @dataclass(frozen=True, eq=False)
 class Explanation:
     """What is wrong with the arm: findings, faults of the data, the stepwise `search` that named them, the map of
-    all cells, what else could have been found, whether anything smooth predicts what is left, and which
-    `candidates` of the study could be tested ("all": every one)."""
+    all cells, what else could have been found, whether anything smooth predicts what is left, which
+    `candidates` of the study could be tested ("all": every one), and the `mistake` of the set-up for which no cause
+    was sought (None: causes were)."""
 
     findings: tuple[Finding, ...]
     faults: tuple[Fault, ...]
@@ -62,6 +63,7 @@ class Explanation:
     nothing_else: DetectionLimit
     predictable: Predictable | None
     candidates: Sequence[str] | str = "all"
+    mistake: Note | None = None
 
     def __repr__(self) -> str:
         found = len(self.findings)

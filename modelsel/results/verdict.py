@@ -23,8 +23,9 @@ FREE_FUNCTION = re.compile(r"free\(([^()]+)\)")  # in a name
 
 
 class Named(NamedTuple):
-    """A finding as the verdict tells it: its name, whether its cause is proven, whether it matters, whether it is
-    doubtful, what else it could be, and which of that is likelier than its name, the likeliest first."""
+    """A finding as the verdict tells it: its name, whether that is proven, whether it matters, whether it is
+    doubtful, what else it could be, and which of that is likelier than its name, the likeliest first; whether its
+    name is that of a cause, or of a shape that no registered mechanism has."""
 
     name: str
     is_settled: bool
@@ -32,6 +33,7 @@ class Named(NamedTuple):
     doubtful: bool = False
     rivals: tuple[str, ...] = ()
     likelier: tuple[str, ...] = ()
+    is_cause: bool = True
 
     @property
     def is_fault(self) -> bool:
@@ -240,27 +242,42 @@ def _describe_faults(named: Sequence[Named]) -> list[str]:
     return [f"{number} {faults} found: {names}."]
 
 
-def _describe_settled(named: Sequence[Named]) -> list[str]:
-    if not named:
-        return []
-    errors = "error beyond the base was" if len(named) == 1 else "errors beyond the base were"
-    return [f"{write_number(len(named))} {errors} named: {_list_names(named)}."]
+def _describe_settled(settled: Sequence[Named]) -> list[str]:
+    """Return which errors were named, and which were found whose causes nothing registered has."""
+    causes = [one for one in settled if one.is_cause]
+    shapes = [one for one in settled if not one.is_cause]
+    sentences = []
+    if causes:
+        errors = "error beyond the base was" if len(causes) == 1 else "errors beyond the base were"
+        sentences.append(f"{write_number(len(causes))} {errors} named: {_list_names(causes)}.")
+    if shapes:
+        begun = _begin_found(shapes, bool(causes))
+        are = "cause is" if len(shapes) == 1 else "causes are"
+        sentences.append(
+            f"{begun} whose {are} not known to any registered mechanism: {_list_names(shapes)}."
+        )
+    return sentences
+
+
+def _begin_found(found: Sequence[Named], is_more: bool) -> str:
+    """Begin a sentence on what was found; `is_more`: after others."""
+    count = len(found)
+    what = "error beyond the base" if count == 1 else "errors beyond the base"
+    if is_more:
+        what = "more"
+    verb = "was" if count == 1 else "were"
+    return f"{write_number(count)} {what} {verb} found"
 
 
 def _describe_unsettled(named: Sequence[Named], is_more: bool) -> list[str]:
     if not named:
         return []
-    count = len(named)
-    number = write_number(count)
-    what = "errors beyond the base"
-    found = "were found, but their causes are not proven: they are"
-    if count == 1:
-        what = "error beyond the base"
-        found = "was found, but its cause is not proven: it is"
-    if is_more:
-        what = "more"
+    begun = _begin_found(named, is_more)
+    proven = "but their causes are not proven: they are"
+    if len(named) == 1:
+        proven = "but its cause is not proven: it is"
     listed = _list_names(named)
-    return [f"{number} {what} {found} best described by {listed}."]
+    return [f"{begun}, {proven} best described by {listed}."]
 
 
 def _explain_free_function(text: str) -> list[str]:
@@ -273,13 +290,15 @@ def _explain_free_function(text: str) -> list[str]:
 
 
 def _list_names(named: Sequence[Named]) -> str:
-    """List names, each once, and how many more there are; those with rivals are parted by semicolons."""
+    """List names, each once, and how many more there are; those with rivals, and what is said of
+    shapes, are parted by semicolons."""
     every = [one.shown for one in named]
     names = list(dict.fromkeys(every))
     shown = names[:SHOWN_NAMES]
     more = sum(name not in shown for name in every)
     if more > 1:
         names = [*shown, f"{more} more"]
-    if any(not one.is_settled and one.rivals for one in named):
+    is_long = any(not one.is_cause or (not one.is_settled and one.rivals) for one in named)
+    if is_long:
         return "; ".join(names)
     return sentence_list(names)

@@ -272,19 +272,15 @@ def _describe_hopeless_fit(
 
     None where the fit is not hopeless.
     """
+    if not is_hopeless(split, chosen, floor):
+        return None
     reach = split.problem.reach_mm
     calibrated = CALIBRATED_SHARE * reach
-    left_mm = max(chosen.estimation.rms_mm or 0.0, chosen.held_out.rms_mm or 0.0)
+    left_mm = _measure_left(chosen)
     noise_mm = _row_noise(floor)
     noise_known = floor.source != "estimated"
-    angles = measure_orientation(split, chosen, chosen)
-    angle = 0.0 if angles is None else angles[1]
-    far = left_mm > HOPELESS_RATIO * calibrated
-    if noise_known:
-        far = far or left_mm > max(HOPELESS_NOISE_RATIO * noise_mm, calibrated)
-    if not far and angle < HOPELESS_ANGLE:
-        return None
-    if far:
+    angle = _measure_angle(split, chosen)
+    if _is_far(split, chosen, floor):
         what = (
             f"{write_rounded(left_mm)} mm rms are left, {write_percent(left_mm / reach, 2)} of the length of the arm's links and target in all, where a "
             f"calibrated arm leaves less than a thousandth ({write_rounded(calibrated, 2)} mm)"
@@ -301,6 +297,44 @@ def _describe_hopeless_fit(
         "This fit explains the data poorly, and nothing that follows can be relied on: "
         f"{what}. {reasons}."
     )
+
+
+def is_hopeless(split: Split, evaluation: Evaluation, floor: Floor) -> bool:
+    """Return whether a model leaves far more than a calibrated arm does, of positions or of
+    orientations."""
+    if _is_far(split, evaluation, floor):
+        return True
+    angle = _measure_angle(split, evaluation)
+    return angle >= HOPELESS_ANGLE
+
+
+def _is_far(split: Split, evaluation: Evaluation, floor: Floor) -> bool:
+    """Return whether a model leaves far more of the positions than a calibrated arm does."""
+    problem = split.problem
+    calibrated = CALIBRATED_SHARE * problem.reach_mm
+    left_mm = _measure_left(evaluation)
+    most = HOPELESS_RATIO * calibrated
+    if floor.source != "estimated":
+        of_noise = HOPELESS_NOISE_RATIO * _row_noise(floor)
+        most = min(most, max(of_noise, calibrated))
+    return left_mm > most
+
+
+def _measure_left(evaluation: Evaluation) -> float:
+    """Return what a model leaves of the positions (rms, mm), of estimation or held-out rows, whichever
+    is more."""
+    of_estimation = evaluation.estimation.rms_mm or 0.0
+    of_held_out = evaluation.held_out.rms_mm or 0.0
+    return max(of_estimation, of_held_out)
+
+
+def _measure_angle(split: Split, evaluation: Evaluation) -> float:
+    """Return what a model leaves of the orientations (rms, rad); 0 where none was measured."""
+    angles = measure_orientation(split, evaluation, evaluation)
+    if angles is None:
+        return 0.0
+    _, angle = angles
+    return angle
 
 
 def _list_reasons(notes: Sequence[Note], register: Register, groups: int) -> str:

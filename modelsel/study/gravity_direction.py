@@ -4,6 +4,7 @@ stand."""
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,10 +15,11 @@ from ..fitting.shrinkage import fit_shrunk
 from ..measurements.state_names import needs_gravity
 from ..mechanisms.terms import Mechanism
 from ..notices import Note
+from ..results.finding_records import Finding
 from ..robot.kinematics import Robot
 from ..setup.other_gravity import find_other_gravity
 
-UPWARDS = "gravity-upwards"
+UPWARDS, ELSEWHERE = "gravity-upwards", "gravity-elsewhere"
 # from the z axis of the measurements' frame, within which gravity is said to point along it
 NEAR_ANGLE = np.radians(10.0)
 # of a direction's components: closer to 0 or 1 they are written as these
@@ -94,7 +96,25 @@ def note_other_gravity(
         f"write gravity = {direction} under [robot] in the study file; if it does not, write gravity = {given} "
         "there to confirm it. Findings that depend on gravity are wrong otherwise."
     )
-    return [Note("gravity-elsewhere", sentence)]
+    return [Note(ELSEWHERE, sentence)]
+
+
+def doubt_gravity(
+    findings: Sequence[Finding], notes: Sequence[Note], robot: Robot
+) -> tuple[Finding, ...]:
+    """Add to findings that depend on gravity that they hold for its stated direction only, where
+    `notes` question that."""
+    is_questioned = any(note.code in (UPWARDS, ELSEWHERE) for note in notes)
+    if not is_questioned:
+        return tuple(findings)
+    given = write_direction(robot.gravity or ())
+    condition = f"This holds only if gravity is {given} in the robot's base frame, which the warnings question."
+    doubted = []
+    for finding in findings:
+        names = finding.effect.candidate.mechanism.names()
+        depends = any(map(needs_gravity, names))
+        doubted.append(replace(finding, condition=condition) if depends else finding)
+    return tuple(doubted)
 
 
 def write_direction(direction: Sequence[float] | np.ndarray) -> str:

@@ -9,20 +9,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from .._typing import Array, Say
+from .._typing import Array
 from ..config.study_file import Study
 from ..diagnosis.candidates import Candidate
 from ..diagnosis.options import DiagnosisOptions
 from ..diagnosis.outcome import Diagnosis
 from ..diagnosis.procedure import diagnose_split
+from ..diagnosis.separation import Inquiry
 from ..fitting.component_noise import POSITION, ROTATION, compare_noise, scale_noise
 from ..fitting.design import Model
 from ..fitting.noise import weigh
 from ..fitting.possible_parts import choose_parts, list_parts
 from ..mechanisms.registry import Registry
-from ..mechanisms.terms import Mechanism
 from ..selection.evaluation import Split, evaluate
-from .model_ladder import build_model, searches_cells
+from .model_ladder import build_model
 from .preparation import read_instrument
 
 # times that effects are named at most
@@ -33,31 +33,18 @@ SAME_NOISE = 1.1
 Named = tuple[Split, Diagnosis, tuple[Candidate, ...]]
 
 
-def diagnose_weighed(
-    study: Study,
-    registry: Registry,
-    split: Split,
-    base: Model,
-    mechanisms: tuple[Mechanism, ...],
-    options: DiagnosisOptions,
-    say: Say,
-) -> Named:
+def diagnose_weighed(study: Study, registry: Registry, split: Split, asked: Inquiry) -> Named:
     """Diagnose a split whose orientations have the weight that is found beside what is named."""
-    cells = searches_cells(study)
-
-    def diagnose(weighed: Split) -> Named:
-        return diagnose_split(weighed, base, mechanisms, study.seed, cells, say, options)
-
     if not _is_open(study, split):
-        return diagnose(split)
-    split = _weigh_by_models(study, registry, split, base)
-    named = diagnose(split)
+        return diagnose_split(split, *asked)
+    split = _weigh_by_models(study, registry, split, asked.base)
+    named = diagnose_split(split, *asked)
     for _ in range(MOST_NAMINGS - 1):
-        factor = _compare(named, options)
+        factor = _compare(named, asked.options)
         if 1 / SAME_NOISE < factor < SAME_NOISE:
             break
         split = _scale(split, factor)
-        named = diagnose(split)
+        named = diagnose_split(split, *asked)
     return named
 
 

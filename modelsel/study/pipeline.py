@@ -24,21 +24,16 @@ from ..config.study_file import Study
 from ..diagnosis.candidates import Candidate, choose_strongest
 from ..diagnosis.data_faults import Fault, find_misplaced_rows
 from ..diagnosis.error_map import build_error_map
-from ..diagnosis.options import DiagnosisOptions
 from ..diagnosis.outcome import Diagnosis
-from ..diagnosis.prior_weights import weigh_outcomes
 from ..diagnosis.procedure import Nested, run_nested_folds
-from ..diagnosis.unexplained import describe_unexplained, estimate_floor, predict_remainder
-from ..fitting.design import Model
+from ..diagnosis.separation import Inquiry
+from ..diagnosis.unexplained import describe_unexplained, predict_remainder
 from ..fitting.least_squares import Fit
-from ..fitting.noise import Floor, from_repeats, from_target_pairs
-from ..fitting.problem import Problem
+from ..fitting.noise import Floor
 from ..fitting.undetermined import Unidentifiable, describe_unidentifiable
 from ..measurements.measurements import Measurements
 from ..mechanisms.campaign_registry import set_targets
-from ..mechanisms.moved_targets import find_moved_targets
 from ..mechanisms.registry import BUILTIN, Registry
-from ..mechanisms.terms import Mechanism
 from ..notices import Note
 from ..results.cautions import harmful_base_notes
 from ..results.finding_figures import order_findings
@@ -57,26 +52,19 @@ from ..uncertainty.summary import (
     build_log_posterior,
     sample_confidence,
 )
+from .cause_search import MISTAKE_FIRST, build_inquiry, seek_causes
 from .checks import add_alarms_to_errors, check_chosen_model, drop_known_faults
-from .gravity_direction import note_other_gravity
+from .gravity_direction import doubt_gravity, note_other_gravity
 from .held_out_gains import judge_beside_others, measure_findings, resample_held_out
 from .held_out_outliers import exclude_held_out_outliers
 from .inputs import list_candidates
-from .model_ladder import (
-    choose_constants,
-    evaluate_effects,
-    evaluate_ladder,
-    remeasure,
-    searches_cells,
-)
+from .model_ladder import choose_constants, evaluate_effects, evaluate_ladder, remeasure
 from .noise_parts import note_untold_parts
 from .open_rows import exclude_open_rows
-from .orientation_weights import diagnose_weighed
-from .own_causes import build_own_candidates
 from .preparation import prepare, read_instrument
 from .rehearsed_folds import rehearse_folds
 from .result import Result
-from .stated_noise import check_stated_noise
+from .stated_noise import check_stated_noise, choose_noise_floor
 from .steps import (
     FOLDS,
     GAIN,
@@ -140,9 +128,9 @@ def _analyse_prepared(
     untested = find_untested(study.model.candidates, split.problem, mechanisms, unseen)
 
     say(OUTLIERS)
-    options = choose_options(study, split.problem)
-    split, diagnosis, candidates = diagnose_weighed(
-        study, registry, split, base, mechanisms, options, say
+    asked = build_inquiry(study, split, base, mechanisms, say)
+    mistake, asked, split, diagnosis, candidates = seek_causes(
+        study, registry, split, asked, floor, notes
     )
     parts_sought = bool(diagnosis.errors.parts)
     split, floor, noise_notes = check_stated_noise(split, floor, diagnosis.fit, parts_sought)
@@ -164,16 +152,21 @@ def _analyse_prepared(
 
     say(GAIN)
     chosen = ladder[-1]
-    faults = find_data_faults(study, split, chosen, notes)
+    faults = () if mistake else find_data_faults(study, split, chosen, notes)
     resampled = resample_held_out(study, split, [ladder[0], chosen, *steps])
     nominal_errors, chosen_errors, *step_errors = resampled
     findings = measure_findings(diagnosis, step_errors)
     findings = judge_beside_others(findings, study, split, steps[-1], diagnosis)
     findings = add_orientation_gains(findings, diagnosis, split, steps, chosen, study.seed)
-    within_folds = repeat_in_folds(study, split, base, mechanisms, say)
+    within_folds = None if mistake else repeat_in_folds(study, split, asked)
     noise = choose_noise_floor(split, floor, steps[-1])
     detection_limit = describe_unexplained(
-        diagnosis, candidates, split, steps[-1], reason=untested.reason, has_faults=bool(faults)
+        diagnosis,
+        candidates,
+        split,
+        steps[-1],
+        MISTAKE_FIRST if mistake else untested.reason,
+        bool(faults),
     )
 
     is_stated = study.robot.gravity is not None
@@ -206,13 +199,20 @@ def _analyse_prepared(
     )
     uncertainty = assess_uncertainty(study, split, chosen, say)
     explanation = Explanation(
-        findings=widen_errors(findings, chosen.fit, uncertainty.parameters),
+        findings=doubt_gravity(
+            widen_errors(findings, chosen.fit, uncertainty.parameters),
+            warnings,
+            split.problem.robot,
+        ),
         faults=faults,
         search=diagnosis,
         error_map=build_error_map(diagnosis, candidates),
         nothing_else=detection_limit,
-        predictable=predict_remainder(split, steps[-1], generator(study.seed, "flips")),
+        predictable=None
+        if mistake
+        else predict_remainder(split, steps[-1], generator(study.seed, "flips")),
         candidates=untested.select_tested(study.model.candidates),
+        mistake=mistake,
     )
     run = StudyRun(
         study=study,
@@ -226,22 +226,6 @@ def _analyse_prepared(
         provenance=provenance,
     )
     return Result(order_findings(run))
-
-
-def choose_options(study: Study, problem: Problem) -> DiagnosisOptions:
-    """Return the options of the search for causes that the study sets, with its own candidates."""
-    search, noise = study.search, study.noise
-    return DiagnosisOptions(
-        memory_mb=search.memory_mb,
-        max_rows=search.max_rows,
-        parts=None if noise.parts == "all" else tuple(noise.parts),
-        fixed_parts=tuple(noise.fixed.items()),
-        weights=tuple(
-            (name, weigh_outcomes(told.confirmed, told.contradicted))
-            for name, told in search.outcomes.items()
-        ),
-        own=build_own_candidates(study, problem),
-    )
 
 
 def compare_candidates(
@@ -298,44 +282,18 @@ def widen_errors(
     return tuple(widened)
 
 
-def repeat_in_folds(
-    study: Study, split: Split, base: Model, mechanisms: tuple[Mechanism, ...], say: Say
-) -> Nested | None:
+def repeat_in_folds(study: Study, split: Split, asked: Inquiry) -> Nested | None:
     """Repeat outlier rejection, diagnosis and fit without each fold; None where no folds are asked for."""
     folds = study.split.nested_folds
     if not folds:
         return None
-    say(FOLDS)
-    cells, options = searches_cells(study), choose_options(study, split.problem)
-    return run_nested_folds(split, base, mechanisms, study.seed, cells, folds, options, say=say)
+    asked.say(FOLDS)
+    return run_nested_folds(split, asked, folds)
 
 
 def _adds_named(chosen: Evaluation, steps: Sequence[Evaluation]) -> bool:
     """Return whether the chosen model has all that was named: else what it leaves is known."""
     return chosen.fit is steps[-1].fit
-
-
-def choose_noise_floor(split: Split, known: Floor | None, named: Evaluation) -> Floor:
-    """Return the known noise floor, or else that of the residuals of the model with all that was
-    `named`, which `candidates = []` keeps out of the chosen one: these errors are no noise.
-
-    That of repeats is what this model leaves of them: it knows what differs from one to the next.
-    That of target pairs, too, where it knows of one that moved.
-    Where not every coordinate was measured, it is told how many a row has on average.
-    """
-    problem = split.problem
-    if known is not None and known.source == "repeats":
-        known = from_repeats(problem.data, problem.placed, named.residual[:, :3])
-    is_of_pairs = known is not None and known.source == "target pairs"
-    if is_of_pairs and any(map(find_moved_targets, named.fit.model.mechanisms)):
-        known = from_target_pairs(problem.data, named.residual[:, :3])
-    floor = known or estimate_floor(named, split)
-    measured = problem.measured
-    if measured is None:
-        return floor
-    counts = measured[:, :3].sum(1)
-    coordinates = float(counts.mean())
-    return replace(floor, coordinates=coordinates)
 
 
 def list_unidentifiable(fitted: Fit) -> tuple[Unidentifiable, ...]:
@@ -356,10 +314,13 @@ def assess_uncertainty(study: Study, split: Split, chosen: Evaluation, say: Say)
 def sample_posterior(
     result: Result, registry: Registry, say: Say = keep_silent, keeper: Keeper | None = None
 ) -> Result:
-    """Return a result with its chosen model's posterior sampled.
+    """Return a result with its chosen model's posterior sampled; as it is where a mistake of the set-up
+    comes first.
 
     `keeper` stores an unfinished chain, from which an interrupted run continues.
     """
+    if result.run.diagnosis.mistake is not None:
+        return result
     say(SAMPLING)
     study, split = result.study, result.split
     stated = study.noise.floor_mm is not None and split.known_sigma

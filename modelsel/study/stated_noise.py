@@ -9,17 +9,19 @@ from numpy.typing import NDArray
 
 from .._typing import Array
 from ..config.study_tables import NoiseTable
+from ..diagnosis.unexplained import estimate_floor
 from ..exceptions import sentence_list, write_rounded
 from ..fitting.component_noise import POSITION, ROTATION
 from ..fitting.design import whitened
 from ..fitting.least_squares import Fit
-from ..fitting.noise import Floor
+from ..fitting.noise import Floor, from_repeats, from_target_pairs
 from ..fitting.noise_check import NEAR_UNIT, Lack, describe_lack, lack, name_likeliest_mistake
 from ..fitting.problem import Problem
 from ..measurements.columns import MIN_UNCERTAINTY
 from ..measurements.measurements import Measurements
+from ..mechanisms.moved_targets import find_moved_targets
 from ..notices import Note
-from ..selection.evaluation import Split
+from ..selection.evaluation import Evaluation, Split
 
 LEFT = "the model leaves"
 # where parts of the errors were found, which a stated uncertainty need not hold
@@ -200,3 +202,26 @@ def _describe_unlike_floor(floor: Floor, mismatch: Lack, left_mm: float) -> Note
         "noise of the measurement, and the noise floor is estimated from what the model leaves. "
         f"{remedy}",
     )
+
+
+def choose_noise_floor(split: Split, known: Floor | None, named: Evaluation) -> Floor:
+    """Return the known noise floor, or else that of the residuals of the model with all that was
+    `named`, which `candidates = []` keeps out of the chosen one: these errors are no noise.
+
+    That of repeats is what this model leaves of them: it knows what differs from one to the next.
+    That of target pairs, too, where it knows of one that moved.
+    Where not every coordinate was measured, it is told how many a row has on average.
+    """
+    problem = split.problem
+    if known is not None and known.source == "repeats":
+        known = from_repeats(problem.data, problem.placed, named.residual[:, :3])
+    is_of_pairs = known is not None and known.source == "target pairs"
+    if is_of_pairs and any(map(find_moved_targets, named.fit.model.mechanisms)):
+        known = from_target_pairs(problem.data, named.residual[:, :3])
+    floor = known or estimate_floor(named, split)
+    measured = problem.measured
+    if measured is None:
+        return floor
+    counts = measured[:, :3].sum(1)
+    coordinates = float(counts.mean())
+    return replace(floor, coordinates=coordinates)

@@ -17,6 +17,7 @@ from modelsel.diagnosis.sentences import describe_amount, say_shape
 from modelsel.mechanisms.causes import Applied, Bump, Cause, Named, sin, torque
 from modelsel.mechanisms.environment import PROGRESS, temperature_rise
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
+from modelsel.results.record import collect_named
 
 TIME = Named("time_s", "s")
 ALL_BUT_CAUSE = (1.0, 1.0, 1.0, 0.0)
@@ -32,7 +33,9 @@ def _cell(frame: int, axis: str, *causes: Cause) -> Candidate:
 
 
 def _find(candidate: Candidate, *values: float, joint: bool = False) -> Effect:
-    found = SimpleNamespace(entries=(), verdict="found")
+    found = SimpleNamespace(
+        entries=(), verdict="found", more=0, sum_by_label=lambda: {candidate.label: 1.0}
+    )
     estimate = np.array(values)
     claim = Claim("shape", ALL_BUT_CAUSE, moves_joints=joint)
     return Effect(candidate, found, 0.01, estimate, 0.05 * np.abs(estimate), claim=claim)  # type: ignore[arg-type]
@@ -85,6 +88,20 @@ def test_a_turn_about_a_joint_s_axis_is_that_joint() -> None:
     assert of_joint.startswith("Joint 2 is off its reading in proportion to the gravity torque")
     of_frame = say_shape(_find(turned, 1e-7))
     assert of_frame.startswith("frame 2 turns about its z axis (γ2) in proportion")
+
+
+def test_the_verdict_names_a_shape_by_what_it_does_and_no_cause() -> None:
+    effect = _find(_cell(2, "rz", torque(2)), 1e-7, joint=True)
+    diagnosis = SimpleNamespace(
+        faults=(), findings=[SimpleNamespace(effect=effect, doubtful=False)]
+    )
+    figures = SimpleNamespace(each=[SimpleNamespace(matters=True)])
+    (named,) = collect_named(diagnosis, figures)  # type: ignore[arg-type]
+    assert named.is_settled
+    assert not named.is_cause
+    assert named.name == (
+        "joint 2 is off its reading in proportion to the gravity torque about joint 2"
+    )
 
 
 def test_the_sizes_of_many_terms_are_said_once_with_the_largest() -> None:

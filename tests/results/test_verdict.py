@@ -139,6 +139,16 @@ def test_bad_news_is_said(gain, words) -> None:
             "One error beyond the base was named: a. Two more were found, but their causes are not proven: they are best described by b or c (doubtful); c or d.",
         ),
         (
+            [("a", True), ("b does c", True, True, False, (), (), False)],
+            "all",
+            "One error beyond the base was named: a. One more was found whose cause is not known to any registered mechanism: b does c.",
+        ),
+        (
+            [("a", True, True, False, (), (), False), ("b", True, True, True, (), (), False)],
+            "all",
+            "Two errors beyond the base were found whose causes are not known to any registered mechanism: a; b (doubtful).",
+        ),
+        (
             [("a", True)],
             ["a", "b"],
             "One error beyond the base was named: a. Only a and b could be named: no other cause was considered, and an error that has one may seem not to repeat.",

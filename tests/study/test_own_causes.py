@@ -27,13 +27,13 @@ from modelsel.mechanisms.campaign_registry import set_targets
 from modelsel.mechanisms.environment import step_after
 from modelsel.mechanisms.registry import BUILTIN, build_mechanisms, every, mechanism
 from modelsel.mechanisms.serialization import cause_from_record, cause_record
+from modelsel.study.cause_search import choose_options
 from modelsel.study.model_ladder import build_model
 from modelsel.study.own_causes import (
     build_own_candidates,
     build_own_mechanisms,
     note_constant_causes,
 )
-from modelsel.study.pipeline import choose_options
 from modelsel.study.result import Result
 from modelsel.study.row_selection import drop_unknown_targets
 from modelsel.study.runner import rehearse_study
