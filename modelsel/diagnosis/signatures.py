@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 
 from .._typing import Index
-from ..measurements.state_names import StateKind, is_where_target_is, parse_state_name
+from ..measurements.state_names import StateKind, is_where_target_is, parse_state_name, state_kind
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
 from .data_faults import FaultKind
@@ -96,7 +96,7 @@ def list_drivers_by_place(candidate: Candidate) -> dict[tuple[int, str], frozens
     names_by_place = candidate.mechanism.names_by_place()
     drivers = {}
     for place, names in names_by_place.items():
-        drivers[place] = frozenset(map(_name_driver, names))
+        drivers[place] = frozenset(_name_driver(name) for name in names if not _is_fixed(name))
     return drivers
 
 
@@ -114,6 +114,12 @@ def _list_sides(drivers: frozenset[str]) -> frozenset[str]:
     """List the sides that the last moves among the drivers say."""
     moves = [name for name in drivers if name.startswith("move")]
     return frozenset(name.replace("move", "approach") for name in moves)
+
+
+@cache
+def _is_fixed(name: str) -> bool:
+    """Return whether a state variable is of the set-up alone: nothing depends on what never changes."""
+    return state_kind(name) is StateKind.ON_FLANGE
 
 
 @cache

@@ -29,6 +29,7 @@ MAX_ROWS_KEPT = 20_000  # up to so many rows, causes are kept once evaluated
 MEASURED = (
     StateKind.READING,
     StateKind.TARGET,
+    StateKind.ON_FLANGE,
     StateKind.GROUP,
     StateKind.PROGRESS,
     StateKind.APPROACH,
@@ -228,6 +229,11 @@ def _target(state: StateVariables) -> Values:
     return {StateVariable(StateKind.TARGET): numbers}
 
 
+def _on_flange(state: StateVariables) -> Values:
+    offsets = state.tools[state.data.target]
+    return _by_axis(StateKind.ON_FLANGE, offsets.T)
+
+
 def _group(state: StateVariables) -> Values:
     groups = state.data.group
     numbers = groups.astype(float)
@@ -338,6 +344,7 @@ EVALUATORS: dict[StateKind, Callable[[StateVariables], Values]] = {
     StateKind.FACE: _positions,
     StateKind.REACH: _positions,
     StateKind.TARGET: _target,
+    StateKind.ON_FLANGE: _on_flange,
     StateKind.GROUP: _group,
     StateKind.PROGRESS: _progress,
     StateKind.APPROACH: _approaches,

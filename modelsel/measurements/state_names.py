@@ -56,6 +56,7 @@ class StateKind(Enum):
     RISE = "upward direction across the beam"
     FACE = "direction of the beam in the target's frame"
     REACH = "distance of the target from joint 1's axis"
+    ON_FLANGE = "coordinate of the target in the flange"
     TARGET = "index of the target"
     GROUP = "index of the group"
     PROGRESS = "place in the campaign, 0 to 1"
@@ -192,6 +193,9 @@ FAMILIES = (
         StateKind.FACE, "beam_face_{axis}", "the beam's direction at the target", "1", "xyz"
     ),
     StateFamily(StateKind.REACH, "reach_mm", "the reach from joint 1's axis", "mm"),
+    StateFamily(
+        StateKind.ON_FLANGE, "on_flange_{axis}_mm", "the target's place on the flange", "mm", "xyz"
+    ),
     StateFamily(StateKind.TARGET, "target", "the target"),
     StateFamily(StateKind.GROUP, "group", "the group"),
     StateFamily(StateKind.PROGRESS, "progress", "the course of the campaign"),

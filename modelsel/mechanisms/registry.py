@@ -19,6 +19,7 @@ from ..robot.gravity import find_bearing_joints
 from ..robot.kinematics import Robot
 from . import compliance, drives, environment, geometry, gravity_effects, instrument, motors
 from . import target_names as by_target
+from .bending import find_loaded_links, list_loads, payload_bending
 from .entry_joints import Joints, list_entry_joints
 from .terms import Mechanism, unstorable
 
@@ -97,6 +98,7 @@ _BUILTIN: Registry = {
         compliance.link_bending, compliance.mass_choices_beyond, compliance.find_bending_links
     ),
     "payload-deflection": PerJoint(compliance.payload_deflection, motors.find_payload_motors),
+    "payload-bending": Scanned(payload_bending, list_loads, find_loaded_links),
     "payload-tilt": gravity_effects.payload_tilt,
     "counterbalance": compliance.counterbalance,
     "tool-droop": compliance.tool_droop,
@@ -339,11 +341,7 @@ def every(robot: Robot | str, registry: Registry = BUILTIN) -> tuple[Mechanism, 
     and a constant where it has them."""
     robot = as_robot(robot)
     check_type("registry", registry, Mapping, REGISTRY_EXPECTED)
-    mechanisms = list[Mechanism]()
-    for name in registry:
-        named = build_mechanisms(name, robot, registry)
-        mechanisms += named
-    return tuple(mechanisms)
+    return tuple(m for name in registry for m in build_mechanisms(name, robot, registry))
 
 
 def with_plugins(

@@ -94,6 +94,7 @@ BY_STEM = {
     "lateral-compliance": _LOAD,
     "link-bending": _LOAD,
     "payload-deflection": _LOAD,
+    "payload-bending": _LOAD,
     "payload-tilt": _LOAD,
     "tool-droop": _LOAD,
     "tool-stretch": _LOAD,

@@ -127,6 +127,7 @@ def derive_state(data: Data, q: Array, tool: Array) -> dict[str, Array]:
     out = {f"q{j + 1}": q[:, j] for j in range(n)}
     beam = derive_beam(data, x)
     out |= name_axes("{}_mm", x) | beam
+    out |= name_axes("on_flange_{}_mm", np.broadcast_to(tool, (m, 3)))
     along = np.column_stack([beam[f"beam_{axis}"] for axis in "xyz"])
     out |= name_axes("beam_face_{}", np.einsum("mij,mi->mj", R[n], along))
     out["reach_mm"] = measure_reach(data, x)
