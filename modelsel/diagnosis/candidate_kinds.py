@@ -29,6 +29,7 @@ class CandidateKind(Enum):
     WOUND = "turn of a joint with its own reading, more or less with another joint's"
     PRODUCT = "turn of a joint with the product of two joints' readings"
     SOFT_LAG = "lag of a joint behind its last move that levels off"
+    FALL = "target that falls from one side to the other across the flange"
     DISTORTION = "smooth error of what an instrument measures"
     HYSTERESIS = "hysteresis of a joint that builds up over some way after each reversal"
     SHAPE = "shape that no list has, at the place of a finding or beside it"
@@ -49,4 +50,5 @@ NAMED_IN_WORDS = (
     CandidateKind.PULL,
     CandidateKind.WOUND,
     CandidateKind.PRODUCT,
+    CandidateKind.FALL,
 )

@@ -52,6 +52,7 @@ OF_ONE_SHAPE = (
     CandidateKind.PULL,
     CandidateKind.TIME_WAVE,
     CandidateKind.HYSTERESIS,
+    CandidateKind.FALL,
 )
 
 

@@ -52,6 +52,7 @@ from .soft_shapes import (
     list_springs,
 )
 from .time_waves import generate_finer_time_waves
+from .tool_falls import generate_falls
 from .torque_powers import generate_powers
 from .unregistered import RARE_WEIGHT
 from .warm_ups import generate_finer_warm_ups
@@ -66,6 +67,7 @@ SIMPLE = {
     generate_drags_instead: CandidateKind.HYSTERESIS,
     generate_saws: CandidateKind.SAW,
     generate_pulls: CandidateKind.PULL,
+    generate_falls: CandidateKind.FALL,
     generate_powers: CandidateKind.POWER,
     generate_waves_together: CandidateKind.WAVE,
     generate_distortions: CandidateKind.DISTORTION,

@@ -51,6 +51,27 @@ def measure_base_tilt(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
     yield from _measure_yield(words, fitted, _Load(1, load, _has_masses(fitted.workspace), True))
 
 
+def measure_payload_bending(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
+    """Measure how far a payload turns a link's end or the flange at most, its millimetres and, where
+    it is thought to hang at the target, the stiffness."""
+    frame = mechanism.terms[0].screws[0].frame
+    turn, each = fitted.turn(frame, TURNS)
+    size = np.linalg.norm(turn, axis=0)
+    row = int(size.argmax())
+    angle = fitted.length_at(turn, each, row)
+    last = fitted.workspace.problem.robot.n
+    end = "the flange" if frame > last else f"the end of link {frame - 1}"
+    words = f"turn of {end} under the payload"
+    under, torque = words, 0.0
+    if len(each) == 1:
+        torque = float(np.linalg.norm(each[0, :, row]))
+        under = f"{words} ({format_figure(torque)} N m)"
+    yield express(under, angle.scale(MILLI), "mrad")
+    yield express(f"{words}, at the target", fitted.moved_at(row), "mm", "at the target there")
+    if torque and angle.value:
+        yield express("stiffness", angle.invert(torque), "N m/rad")
+
+
 @dataclass(frozen=True, eq=False)
 class _Load:
     """What a frame yields to: `size` (m,), whether it is known in N m, and whether no other frame of the

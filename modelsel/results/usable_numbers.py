@@ -20,7 +20,7 @@ from ..mechanisms.environment import find_references
 from ..mechanisms.motors import name_drive
 from ..mechanisms.terms import Mechanism
 from ..robot.kinematics import Robot
-from .compliance_numbers import measure_base_tilt, measure_wind_up
+from .compliance_numbers import measure_base_tilt, measure_payload_bending, measure_wind_up
 from .instrument_numbers import (
     measure_angle,
     measure_angle_wave,
@@ -368,6 +368,7 @@ MEASURES: Mapping[str, Measure] = {
         ),
         measure_wind_up,
     ),
+    "payload-bending": measure_payload_bending,
     "base-tilt": measure_base_tilt,
     "base-rocking": _measure_rocking,
     **dict.fromkeys(PLAYS, _measure_play),

@@ -29,6 +29,7 @@ NAMES = (
     "beam_face_z",
     "reach_mm",
     "x_mm",
+    "on_flange_y_mm",
     "torque2",
     "moment_y",
     "moment2_x_3",
