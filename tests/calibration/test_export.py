@@ -253,8 +253,8 @@ def test_python_stands_alone(made, tmp_path) -> None:
 
 
 def test_python_knows_every_derived_cause(rng) -> None:
-    """Moments, torques with masses and without, the direction of gravity, coordinates, range, reach
-    and every function: on three arms."""
+    """Moments, torques with masses and without, the direction of gravity, coordinates, range, reach,
+    the target's place on the flange and every function: on three arms."""
     for name in ("puma760", "ur5", "irb120"):
         robot = load_robot(name)
         names = (
@@ -266,8 +266,10 @@ def test_python_knows_every_derived_cause(rng) -> None:
             "settle:2",
             "backlash:2",
         )
+        on_flange = Named("on_flange_x_mm", "mm")
         turned = shifted(3.0 * Named("q2", "rad"), 0.7)
         causes = [Applied(function, turned) for function in FUNCTIONS]
+        causes.append(1e-2 * on_flange * Named("down_y"))
         own = build_cell((1, "tz"), (1e-3 * Named("reach_mm", "mm"), *causes))
         sized = replace(own, terms=tuple(replace(t, size=(0.01, 0.2)) for t in own.terms))
         seen = (mechanism(n, robot) for n in ("tracker-scale", "refraction"))

@@ -17,7 +17,7 @@ from modelsel.mechanisms.registry import build_mechanisms, every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.results.effect_sizes import measure_sizes
 from modelsel.results.finding_figures import find_worst, find_worst_turn
-from modelsel.results.quantities import express
+from modelsel.results.quantities import express, format_figure
 from modelsel.results.usable_numbers import list_usable
 from modelsel.results.workspace import Fitted, Range, Workspace, build_workspace, find_longest
 from modelsel.robot.files import builtin_names, load_robot
@@ -164,6 +164,32 @@ def test_a_stiffness_whose_compliance_may_be_none_has_no_upper_end() -> None:
     stiffness = list_usable(one, fitted(one, 2e-5, error=1.0))[-1]
     assert stiffness.high is None
     assert "at least" in stiffness.text
+
+
+def test_a_bent_flange_has_its_turn_and_its_stiffness_where_the_payload_hangs_at_the_target() -> (
+    None
+):
+    """By the lever of the target about the flange's place."""
+    known, anywhere, _ = build_mechanisms("payload-bending:6", ARM)
+    effect = fitted(known, 2e-4)
+    workspace = effect.workspace
+    lever = forward(ARM, workspace.q, TOOL) - forward(ARM, workspace.q, np.zeros(3))
+    across = np.hypot(lever[:, 0], lever[:, 1]) / 1e3
+    moment = 9.81 * across * workspace.problem.value("payload_kg")
+    usable = {u.quantity.partition(" (")[0]: u for u in list_usable(known, effect)}
+    turned = usable["turn of the flange under the payload"]
+    assert turned.value == pytest.approx(2e-4 * moment.max() * 1e3)
+    assert f"({format_figure(moment.max())} N m)" in turned.quantity
+    assert usable["stiffness"].value == pytest.approx(1 / 2e-4)
+    units = {u.unit for u in list_usable(anywhere, fitted(anywhere, 1e-4, 1e-4, 1e-4))}
+    assert units == {"mrad", "mm"}
+
+
+def test_the_end_of_a_link_that_a_payload_bends_has_its_stiffness() -> None:
+    (end,) = build_mechanisms("payload-bending:3", ARM)
+    turned, *_, stiffness = list_usable(end, fitted(end, 1e-5))
+    assert turned.quantity.startswith("turn of the end of link 3 under the payload (")
+    assert stiffness.value == pytest.approx(1e5)
 
 
 def test_no_stiffness_is_said_of_an_arm_without_masses() -> None:
