@@ -21,17 +21,18 @@ LOOSE = ("loose target nest", "tool changer with play", "tool that is not drawn 
 
 def generate_falls(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
     """Generate falls of the target across the flange, in many directions. None for a finding that does
-    not shift the target or move the last joint with gravity."""
+    not shift a frame or move the last joint with gravity."""
     names = found.names()
     if not names or not all(map(needs_gravity, names)):
         return
     robot = problem.robot
-    flange = robot.n + 1
     for place in found.names_by_place():
-        frame = place[0]
+        frame, axis = place
+        shifts = axis[0] == "t"
         is_last = frame == robot.n and is_joint_motion(robot, place)
-        if frame != flange and not is_last:
+        if not (shifts or is_last):
             return
+    flange = robot.n + 1
     for degrees in DIRECTIONS:
         yield build_fall(flange, degrees)
 

@@ -67,7 +67,6 @@ SIMPLE = {
     generate_drags_instead: CandidateKind.HYSTERESIS,
     generate_saws: CandidateKind.SAW,
     generate_pulls: CandidateKind.PULL,
-    generate_falls: CandidateKind.FALL,
     generate_powers: CandidateKind.POWER,
     generate_waves_together: CandidateKind.WAVE,
     generate_distortions: CandidateKind.DISTORTION,
@@ -216,6 +215,7 @@ def list_rivals(problem: Problem, candidate: Candidate, price: Price | None = No
     changing = list(generate_changing(problem, own))
     return [
         *_list_alike(problem, candidate, max(price)),
+        *_list_falls(problem, candidate, max(price)),
         *_list_finer_waves(problem, candidate),
         *_list_finer_bumps(problem, candidate),
         *_list_finer_warm_ups(problem, candidate),
@@ -246,6 +246,18 @@ def _list_alike(problem: Problem, candidate: Candidate, prior: float) -> Iterato
     # the constant of a power is not asked, either
     yield from _weigh(springs, "drivers", UNLISTED_ODDS * prior * len(springs))
     yield from _weigh(steps, "drivers", DISTINCT * share)
+
+
+def _list_falls(problem: Problem, candidate: Candidate, prior: float) -> Iterator[Rival]:
+    """List falls of the target across the flange. In other directions than a found one's they are the
+    same shape where they have its places."""
+    own = candidate.mechanism
+    places = own.names_by_place().keys()
+    falls = [fall for fall in generate_falls(problem, own) if fall != own]
+    agrees = "shape" if candidate.kind is CandidateKind.FALL else "place"
+    for rival in _weigh(falls, "", UNLISTED_ODDS * prior, CandidateKind.FALL):
+        own_places = rival.candidate.mechanism.names_by_place().keys()
+        yield replace(rival, agrees=agrees) if own_places == places else rival
 
 
 def _list_elsewhere(problem: Problem, candidate: Candidate, prior: float) -> Iterator[Rival]:

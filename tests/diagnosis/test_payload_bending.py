@@ -13,10 +13,10 @@ from scipy.spatial.transform import Rotation
 from searches import search_separated
 
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import build_candidates
+from modelsel.diagnosis.candidates import Candidate, build_candidates
 from modelsel.diagnosis.effects import Effect
 from modelsel.diagnosis.outcome import Diagnosis
-from modelsel.diagnosis.signatures import LEVELS, PROVEN
+from modelsel.diagnosis.signatures import LEVELS, PROVEN, list_drivers_by_place
 from modelsel.diagnosis.tool_falls import generate_falls
 from modelsel.diagnosis.unregistered import build_cell
 from modelsel.fitting.design import Model
@@ -175,6 +175,7 @@ def test_a_fall_is_offered_beside_what_moves_the_target_or_the_last_joint_with_g
         ((7, "tx"), Named("down_x"), True),
         ((7, "tx"), torque(6), True),
         ((6, "rz"), torque(6), True),
+        ((5, "tx"), torque(4), True),
         ((3, "rz"), torque(3), False),
         ((7, "tx"), Named("q6"), False),
     ):
@@ -186,3 +187,17 @@ def test_loads_are_weighed_at_the_flange_alone() -> None:
     assert [len(list_loads(arm, link)) for link in range(1, 7)] == [1, 1, 1, 1, 1, 3]
     assert len(build_mechanisms("payload-bending", arm)) == 8
     assert build_mechanisms("payload-bending", replace(arm, gravity=None)) == ()
+
+
+def test_what_never_changes_is_no_driver() -> None:
+    """The target's place on the flange is among the causes, and nothing depends on it."""
+    arm = load_robot("ur5e")
+    for bending in build_mechanisms("payload-bending:6", arm):
+        assert any(name.startswith("on_flange") for name in bending.names())
+        drivers = list_drivers_by_place(Candidate(bending, CandidateKind.MECHANISM, 1.0))
+        assert frozenset[str]().union(*drivers.values()) <= {
+            "payload_kg",
+            "down_x",
+            "down_y",
+            "down_z",
+        }
