@@ -98,11 +98,15 @@ def _build(functions: Iterable[tuple[Place, Cause]]) -> Mechanism:
 def _free(
     problem: Problem, places: Iterable[Place], name: str, times: Sequence[Cause] = (ONE,)
 ) -> list[tuple[Place, Cause]]:
-    """List the functions of a free function of one driver at some places, times other causes."""
+    """List the functions of a free function of one driver at those of some places that show, times
+    other causes: what turns the target alone shows in its orientation."""
     basis = _build_basis(problem, name)
+    target = problem.robot.n + 1
+    is_turned = problem.components == 6
     return [
         (place, bump if factor == ONE else factor * bump)
         for place in places
+        if is_turned or place[0] != target or place[1][0] == "t"
         for factor in times
         for bump in basis
     ]

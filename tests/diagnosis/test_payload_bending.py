@@ -15,6 +15,7 @@ from searches import search_separated
 from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate, build_candidates
 from modelsel.diagnosis.effects import Effect
+from modelsel.diagnosis.free_functions import generate_other_drivers
 from modelsel.diagnosis.outcome import Diagnosis
 from modelsel.diagnosis.signatures import LEVELS, PROVEN, list_drivers_by_place
 from modelsel.diagnosis.tool_falls import generate_falls
@@ -201,3 +202,15 @@ def test_what_never_changes_is_no_driver() -> None:
             "down_y",
             "down_z",
         }
+
+
+def test_no_rival_turns_a_target_whose_orientation_is_not_measured() -> None:
+    rng = np.random.default_rng(1)
+    arm, q, payload = draw(rng, "ur5e")
+    data = build_measurements(q, np.zeros((ROWS, 3)), covariates={"payload_kg": payload})
+    at = bind(arm, data, TOOL)
+    for bending in build_mechanisms("payload-bending:6", arm):
+        others = [m for group in generate_other_drivers(at, bending) for m in group]
+        assert others
+        places = {place for one in others for place in one.names_by_place()}
+        assert places == {(7, "tx"), (7, "ty"), (7, "tz")}
