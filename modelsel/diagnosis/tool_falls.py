@@ -57,4 +57,6 @@ def build_fall(flange: int, degrees: float) -> Mechanism:
 
 
 def _weigh(share: float, cause: Cause) -> Cause:
-    return cause if share == 1 else share * cause
+    if share == 1:
+        return cause
+    return share * cause

@@ -38,7 +38,9 @@ def find_loaded_links(robot: Robot) -> tuple[int, ...]:
 
 def list_loads(robot: Robot, link: int) -> tuple[int, ...]:
     """List what may be known of the payload and of the stiffness at a link's end."""
-    return (AT_TARGET, ANYWHERE, EACH_AXIS) if link == robot.n else (AT_TARGET,)
+    if link == robot.n:
+        return AT_TARGET, ANYWHERE, EACH_AXIS
+    return (AT_TARGET,)
 
 
 def payload_bending(robot: Robot, link: int, load: int) -> Mechanism:
@@ -95,7 +97,9 @@ def _list_flange_terms(n: int, load: int) -> list[Term]:
 
 
 def _along(axis: int, cause: Cause | None) -> Vector:
-    return tuple(cause if axis == each else None for each in range(3))
+    causes: list[Cause | None] = [None, None, None]
+    causes[axis] = cause
+    return tuple(causes)
 
 
 def _turn_target(flange: int, turn: Vector, scale: Cause = ONE) -> tuple[Screw, ...]:
@@ -127,7 +131,9 @@ def _subtract(first: Cause | None, second: Cause | None) -> Cause | None:
     if first is None:
         return _multiply(MINUS, second)
     is_negative, positive = _split(second)
-    return first + positive if is_negative else first - second
+    if is_negative:
+        return first + positive
+    return first - second
 
 
 def _multiply(left: Cause | None, right: Cause | None) -> Cause | None:
@@ -141,7 +147,9 @@ def _multiply(left: Cause | None, right: Cause | None) -> Cause | None:
         product = other
     elif other == ONE:
         product = one
-    return MINUS * product if one_negative != other_negative else product
+    if one_negative == other_negative:
+        return product
+    return MINUS * product
 
 
 def _split(cause: Cause) -> tuple[bool, Cause]:
