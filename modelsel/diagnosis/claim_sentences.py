@@ -306,6 +306,10 @@ def _name_entry(effect: Effect, label: str) -> str:
 
 
 def _describe_drivers(effect: Effect) -> str:
+    claim = effect.claim
+    if claim is not None and claim.bend:
+        ((joint, _), _), *_ = claim.acts
+        return f"Joint {joint} yields to the gravity torque about it, not in proportion: it {claim.bend}"
     names = frozenset[str]().union(*_find_acts(effect).values())
     if names and all(map(is_where_target_is, names)):
         return f"{SEEN_WRONGLY}; how is not proven"

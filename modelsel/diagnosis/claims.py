@@ -33,6 +33,7 @@ from .signatures import LEVELS
 from .state import Search
 from .sure_drivers import sum_by_driver
 from .told_first import find_agreed, find_constant, sum_constants
+from .torque_functions import list_together
 from .unlisted_shapes import Company, Price, Rival, list_company, list_rivals
 from .views import View
 from .wave_aliases import list_aliases, weigh_aliases
@@ -87,6 +88,7 @@ def weigh_claims(search: Search, view: View, chosen: Sequence[int]) -> Weighed:
         drivers[g] = {name: share * p for name, p in drivers[g].items()}
     for g, share in weigh_families(search, chosen, view, one_place=True).items():
         levels[g] = np.where(SHAPED, levels[g] * share, levels[g])
+    better[:0] = list_together(search, view, chosen)
     for group in company:
         shares, shape = weigh_together(search, group, contenders)
         for g in group.members:

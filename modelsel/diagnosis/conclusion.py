@@ -17,6 +17,7 @@ from ..fitting.least_squares import STEP_MM, Fit
 from ..fitting.shrinkage import fit_shrunk
 from ..mechanisms.terms import Mechanism
 from .after_selection import AfterSelection, allow_for_search, find_limit
+from .cancelled_effects import find_cancelling
 from .claims import Weighed, build_claim, weigh_claims
 from .effects import DROPPED, Effect
 from .evidence import MIN_LOG_ODDS, compute_p_value, compute_single_f
@@ -29,6 +30,7 @@ from .state import LEVEL, Search, extend_model
 from .steps_apart import tell_steps_apart
 from .stepwise import Exploration, Remainder, explore_further
 from .sure_drivers import find_sure
+from .torque_functions import find_bend
 from .views import View
 from .weighed_models import VisitedModels
 
@@ -36,8 +38,6 @@ from .weighed_models import VisitedModels
 MAX_OFFERS = 4
 # times that effects are taken back
 MAX_TAKEN_BACK = 2
-# share of either of two effects below which what is left of both is reported
-MAX_CANCELLED = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,6 +177,7 @@ def _claim(concluded: Conclusion, weighed: Weighed) -> tuple[Effect, ...]:
         if claim.needs_drivers:
             sure = find_sure(search, g, chosen, weighed.drivers[g], visited)
             claim = replace(claim, drivers=tuple(sure.items()))
+        claim = replace(claim, bend=find_bend(search.problem, effect))
         with_claim = replace(effect, claim=claim, number=number)
         claimed.append(with_claim)
     return tuple(claimed)
@@ -337,7 +338,7 @@ def _assess_remainder(search: Search, view: View, chosen: Sequence[int]) -> Rema
 
 def _build_effects(concluded: Conclusion, fitted: Fit) -> tuple[Effect, ...]:
     search, view, chosen = concluded.explored.search, concluded.view, concluded.chosen
-    cancelled = _find_cancelling(search, chosen, view)
+    cancelled = find_cancelling(search, chosen, view)
     effects = []
     for g in chosen:
         candidate = search.candidates[g]
@@ -368,33 +369,3 @@ def _allow_for_search(search: Search, g: int, view: View) -> AfterSelection | No
     freedom = scan.freedom - terms
     limit = find_limit(square, terms, freedom, search.rename(g, view).evidence - critical)
     return allow_for_search(square, limit, terms)
-
-
-def _find_cancelling(
-    search: Search, chosen: Sequence[int], view: View
-) -> dict[int, tuple[str, float]]:
-    """Find the effects of which another one takes back more than half at the target.
-
-    Maps each to the other's label, and the share of the smaller one that is left of both."""
-    displacement = {}
-    size = {}
-    for g in chosen:
-        moved = search.compute_displacement(g, view)
-        displacement[g] = moved
-        size[g] = float(np.linalg.norm(moved))
-    cancelled = {}
-    for g in chosen:
-        shares = []
-        for h in chosen:
-            smaller = min(size[g], size[h])
-            if h == g or smaller == 0:
-                continue
-            both = displacement[g] + displacement[h]
-            left = float(np.linalg.norm(both))
-            share = left / smaller
-            shares.append((share, h))
-        share, other = min(shares, default=(np.inf, -1))
-        if share < MAX_CANCELLED:
-            label = search.candidates[other].label
-            cancelled[g] = (label, share)
-    return cancelled

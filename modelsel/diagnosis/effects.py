@@ -24,7 +24,8 @@ class Claim:
     it does, each with the names that it depends on there, but for what hardly moves the target;
     `alike`: of one place the others that move every target as it does; `drivers`: where the place is
     proven, but not all that it depends on, the names that are, with their probabilities; `waves`: of a
-    wave other numbers a turn that do the same at all readings."""
+    wave other numbers a turn that do the same at all readings; `bend`: of a joint that yields to its
+    torque, not in proportion, whether it "stiffens" or "softens" with it."""
 
     level: str
     levels: tuple[float, ...]
@@ -33,6 +34,7 @@ class Claim:
     alike: tuple[tuple[int, str], ...] = ()
     drivers: tuple[tuple[str, float], ...] = ()
     waves: tuple[int, ...] = ()
+    bend: str = ""
 
     @property
     def probability(self) -> float:

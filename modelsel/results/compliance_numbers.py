@@ -41,6 +41,24 @@ def measure_wind_up(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
         yield from _measure_yield(words, part, _Load(frame, load, is_known, ends))
 
 
+def measure_turn(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
+    """Measure how far a joint turns at its largest measured torque, by any function of this, and its
+    millimetres: what is not in proportion has no stiffness."""
+    screw = mechanism.terms[0].screws[0]
+    joint = screw.frame
+    workspace = fitted.workspace
+    torques = np.abs(workspace.problem.value(f"torque{joint}"))
+    seen = torques[: workspace.measured]
+    row = int(seen.argmax())
+    turn, each = fitted.turn(joint, TURNS)
+    angle = fitted.length_at(turn, each, row)
+    torque = format_figure(float(torques[row]))
+    words = f"turn of joint {joint} at its largest measured torque ({torque} N m)"
+    moved = fitted.moved_at(row)
+    yield express(words, angle.scale(MILLI), "mrad")
+    yield express(f"{words}, at the target", moved, "mm", "at the target there")
+
+
 def measure_base_tilt(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
     """Measure the tilt of the base, its millimetres and its stiffness."""
     moments = [fitted.workspace.problem.value(f"moment_{axis}") for axis in "xyz"]

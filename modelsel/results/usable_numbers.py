@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..diagnosis.sentences import has_contrary_signs, is_wave
+from ..diagnosis.torque_functions import find_loaded_joint
 from ..fitting.design import PLACE
 from ..measurements.reference_temperature import TEMPERATURE
 from ..measurements.state_names import StateKind, parse_state_name
@@ -20,7 +21,12 @@ from ..mechanisms.environment import find_references
 from ..mechanisms.motors import name_drive
 from ..mechanisms.terms import Mechanism
 from ..robot.kinematics import Robot
-from .compliance_numbers import measure_base_tilt, measure_payload_bending, measure_wind_up
+from .compliance_numbers import (
+    measure_base_tilt,
+    measure_payload_bending,
+    measure_turn,
+    measure_wind_up,
+)
 from .instrument_numbers import (
     measure_angle,
     measure_angle_wave,
@@ -59,7 +65,7 @@ def list_usable(mechanism: Mechanism, fitted: Fitted) -> list[Usable]:
     only turns the target has none in mm there."""
     measure = MEASURES.get(mechanism.stem)
     if measure is None:
-        measure = _choose_by_shape(mechanism)
+        measure = _choose_by_shape(mechanism, fitted.workspace.problem.robot)
     if measure is None:
         return []
     numbers = measure(mechanism, fitted)
@@ -71,13 +77,16 @@ def list_usable(mechanism: Mechanism, fitted: Fitted) -> list[Usable]:
     return usable
 
 
-def _choose_by_shape(mechanism: Mechanism) -> Measure | None:
+def _choose_by_shape(mechanism: Mechanism, robot: Robot) -> Measure | None:
     terms = mechanism.terms
     if is_wave(terms):
         return _measure_wave
     screws = terms[0].screws
     first = screws[0]
-    if isinstance(first.cause, Bump):
+    is_smooth = isinstance(first.cause, Bump)
+    if find_loaded_joint(robot, mechanism) and first.axis == "rz" and not is_smooth:
+        return measure_turn
+    if is_smooth:
         return _measure_curve if first.axis == "rz" else None
     if len(terms) > 1 or len(screws) > 1:
         return None

@@ -1,0 +1,104 @@
+"""Functions of the gravity torque about a joint, told as one.
+
+A drive that stiffens may be found as a compliance and a power of the same torque with the other sign.
+Each takes most of the other back, so that neither has a size of its own: what stands is their sum."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..fitting.problem import Problem
+from ..mechanisms.causes import find_bump
+from ..mechanisms.motors import is_joint_motion
+from ..mechanisms.terms import Mechanism, Term
+from ..robot.kinematics import Robot
+from .candidates import Candidate
+from .effects import Effect
+from .sentences import has_contrary_signs
+from .state import Search
+from .unlisted_shapes import build_listed
+from .views import View
+
+# share by which a joint yields more or less per torque at its largest torque than at smaller ones, from
+# which that is told
+LEAST_BEND = 0.05
+
+
+def find_loaded_joint(robot: Robot, found: Mechanism) -> int | None:
+    """Find the joint that moves by functions of the gravity torque about it alone; None for anything
+    else."""
+    names_by_place = found.names_by_place()
+    if len(names_by_place) != 1:
+        return None
+    ((place, names),) = names_by_place.items()
+    joint, _ = place
+    is_own = names == {f"torque{joint}"}
+    return joint if is_own and is_joint_motion(robot, place) else None
+
+
+def list_together(
+    search: Search, view: View, chosen: Sequence[int]
+) -> list[tuple[tuple[int, ...], Candidate]]:
+    """List the effects that move one joint by functions of its torque, and their sum as one candidate.
+
+    Where physics allows all of them as they are, a compliance and a play, they stay apart."""
+    by_joint: dict[int, list[int]] = {}
+    for g in chosen:
+        joint = find_loaded_joint(search.problem.robot, search.acting_parts[g].mechanism)
+        if joint is not None and not search.candidates[g].asked:
+            by_joint.setdefault(joint, []).append(g)
+    together = []
+    for members in by_joint.values():
+        are_named = all(_is_named(search.candidates[g], view) for g in members)
+        if len(members) > 1 and not are_named:
+            joined = _join([search.acting_parts[g] for g in members])
+            together.append((tuple(members), joined))
+    return together
+
+
+def _is_named(candidate: Candidate, view: View) -> bool:
+    """Return whether a candidate is a registered mechanism with the sign that this has."""
+    fitted = view.fitted
+    mechanism = candidate.mechanism
+    estimate = fitted.theta[fitted.locate(mechanism)]
+    return candidate.registered and not has_contrary_signs(mechanism, estimate)
+
+
+def _join(effects: Sequence[Candidate]) -> Candidate:
+    """Join effects of one joint to one candidate, with a number for each of their terms."""
+    listed = build_listed(effects)
+    terms = listed.mechanism.terms
+    numbered = [Term(f"m{k}", term.screws) for k, term in enumerate(terms, 1)]
+    joined = Mechanism(listed.mechanism.name, tuple(numbered))
+    return Candidate(joined, listed.kind, listed.prior)
+
+
+def find_bend(problem: Problem, effect: Effect) -> str:
+    """Find whether a joint that yields to its torque, not in proportion, "stiffens" or "softens" with
+    it; nothing of any other effect, and where a named mechanism may be what is found."""
+    entries = effect.named.entries
+    is_named = any(entry.candidate.registered for entry in entries)
+    if is_named or effect.candidate.registered:
+        return ""
+    terms = effect.candidate.mechanism.terms
+    causes = [term.screws[0].cause for term in terms]
+    joint = find_loaded_joint(problem.robot, effect.candidate.mechanism)
+    if joint is None or any(find_bump(cause) is not None for cause in causes):
+        return ""
+    state = problem.state
+    load = np.asarray(state.value(f"torque{joint}"))
+    size = np.abs(load)
+    each = np.array([np.broadcast_to(cause.of(state), load.shape) for cause in causes])
+    turn = np.asarray(effect.estimate) @ each
+    largest = int(size.argmax())
+    is_small = size < size[largest] / 2
+    small_square = float(np.square(load[is_small]).sum())
+    if not small_square:
+        return ""
+    at_most = float(turn[largest] / load[largest])
+    before = float(load[is_small] @ turn[is_small]) / small_square
+    if at_most <= 0 or abs(before - at_most) < LEAST_BEND * at_most:
+        return ""
+    return "stiffens" if before > at_most else "softens"
