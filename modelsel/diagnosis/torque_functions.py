@@ -71,7 +71,10 @@ def _join(effects: Sequence[Candidate]) -> Candidate:
     listed = build_listed(effects)
     terms = listed.mechanism.terms
     numbered = [Term(f"m{k}", term.screws) for k, term in enumerate(terms, 1)]
-    joined = Mechanism(listed.mechanism.name, tuple(numbered))
+    first = terms[0].screws[0]
+    # named as a place of the error map is: no registered mechanism
+    name = f"{first.frame} {first.axis} {listed.mechanism.name}"
+    joined = Mechanism(name, tuple(numbered))
     return Candidate(joined, listed.kind, listed.prior)
 
 

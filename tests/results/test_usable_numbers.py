@@ -10,8 +10,9 @@ import pytest
 from builders import bind, drawn
 from builders import one as one_screw
 
+from modelsel.diagnosis.unregistered import build_cell
 from modelsel.measurements.measurements import build_measurements
-from modelsel.mechanisms.causes import Bump, Named, cos, q, sin
+from modelsel.mechanisms.causes import Applied, Bump, Named, cos, q, sin, torque
 from modelsel.mechanisms.environment import temperature_rise
 from modelsel.mechanisms.registry import build_mechanisms, every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
@@ -157,6 +158,29 @@ def test_compliance_is_wind_up_at_full_stretch_and_one_stiffness() -> None:
     assert stiffness.value == pytest.approx(1 / 2e-5)
     assert stiffness.low == pytest.approx(1 / (2e-5 * (1 + 1.96 * 0.05)))
     assert stiffness.high == pytest.approx(1 / (2e-5 * (1 - 1.96 * 0.05)))
+
+
+def test_two_functions_of_one_torque_have_the_size_of_their_sum_and_no_stiffness() -> None:
+    """At the largest torque that was measured, with the covariance of both."""
+    load = torque(2)
+    both = build_cell((2, "rz"), (load, load * Applied("abs", load)))
+    workspace = workspace_of()
+    q = workspace.q
+    seen = np.abs(compute_joint_torques(ARM, pose(ARM, q, TOOL), q)[1])
+    row = int(seen[: workspace.measured].argmax())
+    largest = seen[row]
+    theta = np.array([4e-3, -3e-3 / largest]) / largest
+    shares = np.array([largest, largest**2])
+    spread = np.diag(0.1 * theta)
+    correlation = np.array([[1.0, 0.9], [0.9, 1.0]])
+    covariance = spread @ correlation @ spread
+    effect = Fitted(both.terms, theta, covariance, workspace)
+    angle, moved = list_usable(both, effect)
+    half = 1.96 * np.sqrt(shares @ covariance @ shares) * 1e3
+    assert angle.unit == "mrad"
+    assert (angle.value, angle.low, angle.high) == pytest.approx((1.0, 1.0 - half, 1.0 + half))
+    assert f"({largest:.3g} N m)" in angle.text
+    assert moved.value == pytest.approx(moved_by(effect, 2, 1e-3)[row], rel=1e-2)
 
 
 def test_a_stiffness_whose_compliance_may_be_none_has_no_upper_end() -> None:
