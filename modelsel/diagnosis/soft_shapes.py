@@ -75,7 +75,7 @@ def list_springs(problem: Problem, place: Place, found: Sequence[Mechanism]) -> 
         return []
     readings = (f"q{j}" for j in loaded)
     possible = {f"torque{joint}", *readings}
-    follow = [_follows_torque(problem, m, joint) for m in found]
+    follow = [_follows_torque(problem, m, place) for m in found]
     is_alike = all(
         follows or m.names() <= possible for follows, m in zip(follow, found, strict=True)
     )
@@ -85,12 +85,14 @@ def list_springs(problem: Problem, place: Place, found: Sequence[Mechanism]) -> 
     return [*powers.values(), *build_soft_springs(problem, joint)]
 
 
-def _follows_torque(problem: Problem, found: Mechanism, joint: int) -> bool:
-    """Return whether a finding of one number is in proportion to the torque about a joint or to its sign."""
-    if len(found.terms) > 1:
+def _follows_torque(problem: Problem, found: Mechanism, place: Place) -> bool:
+    """Return whether a finding of one number moves a place in proportion to the torque about that joint
+    or to its sign."""
+    screws = [screw for screw in found.terms[0].screws if (screw.frame, screw.axis) == place]
+    if len(found.terms) > 1 or len(screws) != 1:
         return False
-    torque = problem.state.value(f"torque{joint}")
-    values = np.asarray(found.terms[0].screws[0].cause.of(problem.state))
+    torque = problem.state.value(f"torque{place[0]}")
+    values = np.asarray(screws[0].cause.of(problem.state))
     if not np.ptp(values) or not np.ptp(torque):
         return False
     sides = np.sign(torque)

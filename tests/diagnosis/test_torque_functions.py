@@ -23,6 +23,7 @@ from modelsel.diagnosis.credible_sets import CredibleSet, Entry
 from modelsel.diagnosis.effects import Effect
 from modelsel.diagnosis.outcome import Diagnosis
 from modelsel.diagnosis.procedure import diagnose
+from modelsel.diagnosis.soft_shapes import build_soft_springs, list_springs
 from modelsel.diagnosis.torque_functions import find_bend, find_loaded_joint, list_together
 from modelsel.diagnosis.torque_powers import build_powers
 from modelsel.diagnosis.unlisted_shapes import FURTHER
@@ -89,6 +90,19 @@ def test_what_physics_allows_as_it_is_stays_apart(rng: Rng) -> None:
     assert not gather(problem, [(compliance, 1e-4), (play, 1e-4)])
     ((members, _),) = gather(problem, [(compliance, 1e-4), (play, -1e-4)])
     assert members == (0, 1)
+
+
+@seeds(1)
+def test_a_link_that_bends_follows_the_torque_about_the_joint_at_its_end(rng: Rng) -> None:
+    problem = drawn("ur10", rng, 40)
+    bending = mechanism("link-bending:1", problem.robot)
+    first = bending.terms[0].screws[0]
+    assert (first.frame, first.axis) != (2, "rz")
+    power = build_powers(problem, 2)["2"]
+    assert set(build_soft_springs(problem, 2)) <= set(
+        list_springs(problem, (2, "rz"), (bending, power))
+    )
+    assert not list_springs(problem, (2, "rx"), (bending, power))
 
 
 def test_a_function_of_a_joints_torque_acts_along_its_motion_alone() -> None:
