@@ -69,7 +69,8 @@ def _is_named(candidate: Candidate, view: View) -> bool:
 def _join(effects: Sequence[Candidate]) -> Candidate:
     """Join effects of one joint to one candidate, with a number for each of their terms."""
     listed = build_listed(effects)
-    terms = listed.mechanism.terms
+    # a free function first: it has no value at no load
+    terms = sorted(listed.mechanism.terms, key=lambda term: find_bump(term.screws[0].cause) is None)
     numbered = [Term(f"m{k}", term.screws) for k, term in enumerate(terms, 1)]
     first = terms[0].screws[0]
     # named as a place of the error map is: no registered mechanism

@@ -41,7 +41,7 @@ def measure_wind_up(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
         yield from _measure_yield(words, part, _Load(frame, load, is_known, ends))
 
 
-def measure_turn(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
+def measure_joint_turn(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
     """Measure how far a joint turns at its largest measured torque, by any function of this, and its
     millimetres: what is not in proportion has no stiffness."""
     screw = mechanism.terms[0].screws[0]

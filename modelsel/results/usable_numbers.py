@@ -24,7 +24,7 @@ from ..robot.kinematics import Robot
 from .compliance_numbers import (
     measure_base_tilt,
     measure_payload_bending,
-    measure_turn,
+    measure_joint_turn,
     measure_wind_up,
 )
 from .instrument_numbers import (
@@ -83,11 +83,10 @@ def _choose_by_shape(mechanism: Mechanism, robot: Robot) -> Measure | None:
         return _measure_wave
     screws = terms[0].screws
     first = screws[0]
-    is_smooth = isinstance(first.cause, Bump)
-    if find_loaded_joint(robot, mechanism) and first.axis == "rz" and not is_smooth:
-        return measure_turn
-    if is_smooth:
+    if isinstance(first.cause, Bump):
         return _measure_curve if first.axis == "rz" else None
+    if first.axis == "rz" and find_loaded_joint(robot, mechanism):
+        return measure_joint_turn
     if len(terms) > 1 or len(screws) > 1:
         return None
     return _choose_by_driver(first.cause)
