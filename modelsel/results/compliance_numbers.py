@@ -53,7 +53,8 @@ def measure_joint_turn(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]
     turn, each = fitted.turn(joint, TURNS)
     angle = fitted.length_at(turn, each, row)
     torque = format_figure(float(torques[row]))
-    words = f"turn of joint {joint} at its largest measured torque ({torque} N m)"
+    newton_metres = f" ({torque} N m)" if _has_masses(workspace) else ""
+    words = f"turn of joint {joint} at its largest measured torque{newton_metres}"
     moved = fitted.moved_at(row)
     yield express(words, angle.scale(MILLI), "mrad")
     yield express(f"{words}, at the target", moved, "mm", "at the target there")

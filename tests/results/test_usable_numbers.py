@@ -180,6 +180,8 @@ def test_two_functions_of_one_torque_have_the_size_of_their_sum_and_no_stiffness
     assert angle.unit == "mrad"
     assert (angle.value, angle.low, angle.high) == pytest.approx((1.0, 1.0 - half, 1.0 + half))
     assert f"({largest:.3g} N m)" in angle.text
+    massless = replace(ARM, joints=tuple(replace(joint, mass=None) for joint in ARM.joints))
+    assert "N m" not in list_usable(both, replace(effect, workspace=workspace_of(massless)))[0].text
     assert moved.value == pytest.approx(moved_by(effect, 2, 1e-3)[row], rel=1e-2)
 
 
