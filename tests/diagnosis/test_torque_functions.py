@@ -245,3 +245,17 @@ def test_a_compliance_keeps_its_name_and_its_wind_up(robot: str, rng: Rng) -> No
     assert not effect.claim.bend
     wound, *_ = list_numbers(problem, found, effect)
     assert wound.quantity.startswith("wind-up")
+
+
+@pytest.mark.slow
+@seeds(1)
+def test_what_no_spring_fits_is_the_sum_of_a_compliance_and_a_power(rng: Rng) -> None:
+    own = load(2)
+    problem, turned = draw("irb120", rng, 2, (lambda s: own(s) - 0.3 * own(s) * abs(own(s)), 25.0))
+    found = diagnose(problem, seed=1)
+    (effect,) = find_moving(found, 2)
+    assert effect.claim is not None
+    assert effect.claim.level == "drivers"
+    angle, _ = list_numbers(problem, found, effect)
+    row = np.abs(problem.value("torque2")).argmax()
+    assert angle.value == pytest.approx(1e3 * abs(turned[row]), rel=0.15)
