@@ -23,8 +23,8 @@ from ..mechanisms.terms import Mechanism
 from ..robot.kinematics import Robot
 from .compliance_numbers import (
     measure_base_tilt,
-    measure_payload_bending,
     measure_joint_turn,
+    measure_payload_bending,
     measure_wind_up,
 )
 from .instrument_numbers import (
@@ -106,7 +106,6 @@ def _choose_by_driver(cause: Cause) -> Measure | None:
 
 
 # -- play
-# --------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -204,7 +203,6 @@ def _measure_rocking(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
 
 
 # -- ripple
-# --------------------------------------------------------------------------------------------------
 
 
 def _measure_wave(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
@@ -240,7 +238,6 @@ def _measure_curve(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
 
 
 # -- slopes
-# --------------------------------------------------------------------------------------------------
 
 
 def _measure_slope(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
@@ -275,7 +272,6 @@ def _describe_driver(mechanism: Mechanism, cause: Cause, robot: Robot) -> str:
 
 
 # -- temperature
-# --------------------------------------------------------------------------------------------------
 
 
 def _measure_growth(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
@@ -318,7 +314,6 @@ def _measure_warm_target(reference: float, warm: Fitted) -> Usable:
 
 
 # -- set-up and tool
-# --------------------------------------------------------------------------------------------------
 
 
 def _measure_jump(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
