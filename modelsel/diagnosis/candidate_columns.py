@@ -119,6 +119,11 @@ class Columns:
         number, row = self.home[g]
         return np.asarray(self.grams[number].most[row])
 
+    def take_gram(self, g: int) -> Array:
+        """(k, k) Gram matrix of candidate g's columns."""
+        number, row = self.home[g]
+        return np.asarray(self.grams[number].gram[row])
+
     def dot(self, values: NDArray[Any]) -> NDArray[Any]:
         """Compute (C, ...) products of every column with values (N + k, ...).
 

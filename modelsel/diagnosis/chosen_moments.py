@@ -87,5 +87,20 @@ def _choose_best(problem: Problem, model: Model, options: Sequence[Mechanism]) -
     view = build_view(problem, columns, fitted)
     strength = compute_single_f(view.scan, view.response)
     best = int(np.argmax(strength))
-    chosen = choose_beside_outliers(problem, fitted, options, best)
+    few = _draw_rows(problem)
+    if few is not problem:
+        columns = build_columns(few, found, fitted.at())
+    chosen = choose_beside_outliers(few, fitted, columns, best)
     return options[chosen]
+
+
+def _draw_rows(problem: Problem) -> Problem:
+    """Draw as many rows as a diagnosis scans at most, where there are more."""
+    count = len(problem)
+    most = DEFAULT_OPTIONS.max_rows
+    if count <= most:
+        return problem
+    rng = np.random.default_rng(0)
+    drawn = rng.choice(count, most, replace=False)
+    in_order = np.sort(drawn)
+    return problem.take(in_order)

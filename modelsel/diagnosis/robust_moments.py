@@ -6,23 +6,20 @@ moment puts on the other side of the step. The sizes of the step are fitted with
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
-from .._typing import Array, Mask
-from ..fitting.design import compute_design
+from .._linalg import TINY
+from .._typing import Array, Index, Mask
+from ..fitting.component_noise import POSITION
 from ..fitting.least_squares import Fit
 from ..fitting.problem import Problem
-from ..mechanisms.terms import Mechanism
-from .outliers import (
-    GROSS_THRESHOLD,
-    MAX_OUTLIER_SHARE,
-    compute_lengths,
-    estimate_scale,
-    find_gross_outliers,
-)
+from ..fitting.reduction import independent
+from .candidate_columns import Columns, flatten_measured, stack_design
+from .outliers import GROSS_THRESHOLD, MAX_OUTLIER_SHARE, estimate_scale, find_gross_outliers
+from .views import OWN_SHARE
 
 # times that rows are judged by the best moment, and moments without the rows that are far off
 ROUNDS = 5
@@ -30,28 +27,44 @@ ROUNDS = 5
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """Rows as the model without the step has them: its columns (m, c, p), its residual (m, c)."""
+    """Rows as the model without the step has them: at each of N measured coordinates its columns
+    (N, p) and its residual (N,). `steps`: the columns of every step; `row` (N,): the row of every
+    coordinate; `is_position` (N,): whether it is one of a position."""
 
     problem: Problem
-    fitted: Fit
-    columns: Array
+    steps: Columns
+    base: Array
     residual: Array
+    row: Index
+    is_position: Mask
 
-    def measure(self, steps: Sequence[Mechanism], inside: Mask) -> Array:
-        """Measure how far all rows are off (k, m) with each of some steps, fitted to those `inside`."""
-        base = self._flatten(self.columns, inside)
-        wanted = self.residual[inside].ravel()
-        Q, R = np.linalg.qr(base)
+    def measure(self, steps: Iterable[int], inside: Mask) -> Array:
+        """Measure how far all rows are off (k, m) with each of some steps, fitted to those `inside`.
+
+        Columns of the model that these rows do not determine stay as they are."""
+        known = inside[self.row]
+        triangle = np.asarray(np.linalg.qr(self.base[known], mode="r"))
+        determined, _ = independent(triangle)
+        base = self.base[:, determined]
+        Q, R = np.linalg.qr(base[known])
+        wanted = self.residual[known]
+        of_base = Q.T @ wanted
+        seen = np.zeros((len(known), len(determined) + 1))
+        seen[known, :-1] = Q
+        seen[known, -1] = wanted - Q @ of_base
+        products = self.steps.dot(seen)
         sizes = []
         for step in steps:
-            columns, _ = compute_design(self.problem, step.terms, self.fitted.at())
-            own = self._flatten(columns, inside)
-            beyond = own - Q @ (Q.T @ own)
-            theta = np.linalg.lstsq(beyond, wanted, rcond=None)[0]
-            rest = wanted - own @ theta
-            change = np.linalg.solve(R, Q.T @ rest)
-            left = self.residual - columns @ theta - self.columns @ change
-            lengths = compute_lengths(left)
+            columns = self.steps.expand(step).T
+            own = products[self.steps.slices[step]]
+            along = own[:, :-1]
+            gram = self.steps.take_gram(step)
+            outside = columns[~known]
+            beyond = gram - outside.T @ outside - along @ along.T
+            theta = _solve_determined(gram, beyond, own[:, -1])
+            change = np.linalg.solve(R, of_base - theta @ along)
+            left = self.residual - columns @ theta - base @ change
+            lengths = self._measure_lengths(left)
             sizes.append(lengths)
         return np.array(sizes)
 
@@ -70,30 +83,31 @@ class _Rows:
         measured = self.problem.measured
         return estimate_scale(size, measured)
 
-    def _flatten(self, columns: Array, inside: Mask) -> Array:
-        width = columns.shape[2]
-        chosen = columns[inside]
-        return chosen.reshape(-1, width)
+    def _measure_lengths(self, left: Array) -> Array:
+        """Measure the lengths (m,) of the positional part of what is left (N,) of all rows."""
+        squares = np.square(left) * self.is_position
+        sums = np.bincount(self.row, squares, len(self.problem))
+        return np.asarray(np.sqrt(sums))
 
 
-def choose_beside_outliers(
-    problem: Problem, fitted: Fit, steps: Sequence[Mechanism], best: int
-) -> int:
+def choose_beside_outliers(problem: Problem, fitted: Fit, steps: Columns, best: int) -> int:
     """Choose which of some steps explains the rows beside a fitted model, some of which may be bad
-    shots; `best` fits all rows best, and is right where none is far off.
+    shots; `best` fits all rows best, and is right where none is far off. `steps`: their columns at
+    these rows, linearised at the fitted model.
 
     Rows that are far off without a step may be those that it moves, and with the one that fits all rows
     best those that pulled it to the wrong place: both are tried."""
-    X, residual = compute_design(problem, fitted.terms, fitted.at())
+    columns, residual = stack_design(problem, fitted.terms, fitted.at())
     kept = list(fitted.representatives)
-    rows = _Rows(problem, fitted, X[:, :, kept], residual)
+    row, is_position = _number_coordinates(problem)
+    rows = _Rows(problem, steps, columns[:, kept], residual, row, is_position)
     every = np.ones(len(problem), bool)
-    (size,) = rows.measure([steps[best]], every)
+    (size,) = rows.measure([best], every)
     with_step = rows.find_far(size, rows.scale(size))
     without = find_gross_outliers(problem, fitted)
     settled = [(best, size)]
     starts = [far for far in (with_step, without) if far.any()]
-    settled += [_settle(rows, steps, far) for far in starts]
+    settled += [_settle(rows, far) for far in starts]
     scale = min(rows.scale(size) for _, size in settled)
     costs = [_bound_cost(size, scale) for _, size in settled]
     place = int(np.argmin(costs))
@@ -101,11 +115,12 @@ def choose_beside_outliers(
     return chosen
 
 
-def _settle(rows: _Rows, steps: Sequence[Mechanism], far: Mask) -> tuple[int, Array]:
+def _settle(rows: _Rows, far: Mask) -> tuple[int, Array]:
     """Choose a step without the rows that are far off, and those with it, until they stay the same;
     return its number with the residuals (m,) of all rows."""
+    every = range(rows.steps.groups)
     for _ in range(ROUNDS):
-        sizes = rows.measure(steps, ~far)
+        sizes = rows.measure(every, ~far)
         scale = min(map(rows.scale, sizes))
         costs = [_bound_cost(size, scale) for size in sizes]
         best = int(np.argmin(costs))
@@ -115,6 +130,33 @@ def _settle(rows: _Rows, steps: Sequence[Mechanism], far: Mask) -> tuple[int, Ar
             break
         far = again
     return best, sizes[best]
+
+
+def _number_coordinates(problem: Problem) -> tuple[Index, Mask]:
+    """Number the row (N,) of every measured coordinate, and tell whether it is one of a position."""
+    component = np.arange(problem.components)[:, None]
+    numbered = []
+    for rows in problem.blocks():
+        row = np.arange(rows.start, rows.stop)
+        grids = np.broadcast_arrays(row, component)
+        both = np.stack(grids)
+        numbered.append(flatten_measured(problem, rows, both))
+    row, of_row = np.concatenate(numbered, axis=1)
+    return row, of_row < POSITION.stop
+
+
+def _solve_determined(gram: Array, beyond: Array, products: Array) -> Array:
+    """Solve for the sizes (k,) of a step from the Gram matrices (k, k) of its columns, in all rows and
+    `beyond` the model in those that count, and from their products (k,) with the residual; zero for
+    what these rows do not determine."""
+    squares = np.diagonal(gram)
+    positive = np.maximum(squares, TINY)
+    length = np.sqrt(positive)
+    values, vectors = np.linalg.eigh(beyond / np.outer(length, length))
+    counts = values > OWN_SHARE**2
+    own = vectors[:, counts]
+    sizes = own.T @ (products / length) / values[counts]
+    return np.asarray(own @ sizes / length)
 
 
 def _bound_cost(size: Array, scale: float) -> float:
