@@ -47,12 +47,7 @@ from .own_causes import (
     list_own_names,
     list_own_words,
 )
-from .planted_effects import (
-    list_formula_problems,
-    list_frame_problems,
-    list_motion_problems,
-    list_name_problems,
-)
+from .planted_effects import list_formula_problems, list_frame_problems, list_name_problems
 from .preparation import arrange_tools
 from .robot_tables import read_any_robot
 from .row_selection import check_split
@@ -320,7 +315,6 @@ def _check_against_data(
         members = list_members(len(measured.targets), len(measured.groups))
         columns = describe_columns(measured)
         found.study += list_name_problems(study, units, members, columns)
-        found.study += list_motion_problems(study, units, members, measured)
 
 
 def _use_gear_ratios(study: Study, robot: Robot, registry: Registry) -> Registry:

@@ -10,6 +10,7 @@ from test_target_steps import TOOLS, Rng, bind_targets, draw_slip, measure
 from modelsel.diagnosis.chosen_moments import choose_step_moments, list_scanned_steps
 from modelsel.fitting.design import Model
 from modelsel.fitting.problem import Problem
+from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.campaign_registry import set_targets
 from modelsel.mechanisms.geometry import build_setup
 from modelsel.mechanisms.registry import BUILTIN, mechanism
@@ -91,3 +92,23 @@ def test_bad_shots_do_not_move_a_step(rng: Rng, name: str) -> None:
     at = bind_targets(ROBOT, q, seen)
     (found,) = list_step_moments(choose(at, name)[name].terms)
     assert (moment - 1) / 59 < found < moment / 59
+
+
+def test_bad_shots_may_be_all_that_carry_a_column_of_the_base(rng: Rng) -> None:
+    """Without them the base's columns depended on each other, and no moment was found at all."""
+    body = arm(ROBOT, rng)
+    q = body.draw(rng, 80, 2.6)
+    moment = int(rng.integers(20, 60))
+    seen = measure(body, q, TOOLS[:1], np.zeros((80, 1, 3)), rng)[:, 0]
+    seen[moment:] += rng.choice([-0.5, 0.5], 3)
+    loaded = rng.choice(np.setdiff1d(np.arange(80), [moment - 1, moment]), 3, replace=False)
+    seen[loaded] += rng.choice([-1, 1], (3, 3)) * rng.uniform(8, 20, (3, 3))
+    kg = np.zeros(80)
+    kg[loaded] = 5.0
+    data = build_measurements(q, seen, covariates={"payload_kg": kg})
+    at = Problem(ROBOT, data, TOOLS[:1])
+    others = Model((mechanism("geometric", ROBOT), mechanism("payload-deflection:2", ROBOT)))
+    steps = {"tracker-step": list_scanned_steps("tracker-step", ROBOT, REGISTRY)}
+    chosen = choose_step_moments(at, np.ones(80, bool), others, steps)
+    (found,) = list_step_moments(chosen["tracker-step"].terms)
+    assert (moment - 1) / 79 < found < moment / 79

@@ -10,7 +10,10 @@ import pytest
 
 from modelsel.config.study_file import read_study
 from modelsel.exceptions import StudyError
+from modelsel.mechanisms.registry import BUILTIN
 from modelsel.robot.files import load_robot
+from modelsel.robot.kinematics import pose
+from modelsel.study.inputs import read_inputs
 from modelsel.study.simulation import simulate_study
 from modelsel.study.study_inspection import inspect_study
 
@@ -83,8 +86,24 @@ def test_hysteresis_is_refused_where_the_way_is_not_known(tmp_path, rng) -> None
     (sentence,) = refusal.value.problems
     assert sentence.startswith('study.toml: simulate.effect.1: "drag2_500" is not known')
     assert "Leave these columns out" in sentence
-    checked = inspect_study(read_study(path), tmp_path)
-    assert checked["study"]["refused"] == [sentence]
+
+
+def test_what_cannot_be_planted_is_no_matter_of_measurements(tmp_path, rng) -> None:
+    """`check` and `study`, which plant nothing, refused as `simulate` does."""
+    path = write(tmp_path, rng, "one side")
+    table = pd.read_csv(tmp_path / "m.csv")
+    arm = load_robot("irb120")
+    q = table[[f"q{j}_rad" for j in range(1, 7)]].to_numpy()
+    exact = pose(arm, q, np.array([40.0, -30.0, 110.0])).target.T
+    table[["x_mm", "y_mm", "z_mm"]] = exact + rng.normal(0.0, 0.05, exact.shape)
+    table.to_csv(tmp_path / "m.csv", index=False)
+    study = read_study(path)
+    with pytest.raises(StudyError, match="drag2_500"):
+        simulate_study(path)
+    checked = inspect_study(study, tmp_path)
+    assert checked["study"]["refused"] is None
+    _, _, measured, _ = read_inputs(study, tmp_path, BUILTIN)
+    assert len(measured) == 60
 
 
 def test_a_speed_is_refused_without_a_clock(tmp_path, rng) -> None:
