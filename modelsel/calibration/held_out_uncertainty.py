@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._typing import Index
 from ..selection.evaluation import Split
 from .prediction import propagate_uncertainty
 
 if TYPE_CHECKING:
     from .calibration import Calibration
 
-# of more rows every second, third, ... is taken
+# of more rows so many are taken, about
 MAX_ROWS = 1000
 
 
@@ -23,9 +24,23 @@ def measure_held_out_uncertainty(c: Calibration, split: Split) -> float | None:
     rows = np.flatnonzero(is_held_out)
     if not len(rows) or not split.problem.only_points:
         return None
-    step = -(-len(rows) // MAX_ROWS)
-    problem = split.problem.take(rows[::step])
+    drawn = _draw_rows(rows, split.problem.data.configuration)
+    problem = split.problem.take(drawn)
     spread = propagate_uncertainty(c, problem)
     squares = np.square(spread)
     mean_square = squares.sum((1, 2)).mean()
     return float(np.sqrt(mean_square))
+
+
+def _draw_rows(rows: Index, configuration: Index) -> Index:
+    """Draw configurations, always the same, with all their rows, so that MAX_ROWS are left, about: a
+    step from row to row would keep in step with targets, or with loads that take turns."""
+    if len(rows) <= MAX_ROWS:
+        return rows
+    own = configuration[rows]
+    distinct = np.unique(own)
+    share = MAX_ROWS / len(rows)
+    count = max(round(share * len(distinct)), 1)
+    stream = np.random.default_rng(0)
+    drawn = stream.choice(distinct, count, replace=False)
+    return rows[np.isin(own, drawn)]
