@@ -25,8 +25,8 @@ from .calibration import Calibration
 SIGNIFICANCE = 0.05
 SIGNIFICANCE_BESIDE = 0.01  # of a size none of whose terms changed, asked beside all of these
 GEOMETRY_NAMES = ("geometric", SETUP)
-MIN_COSINE = 0.95  # of two motions that are one under two names
-MIN_COSINE_PERHAPS = 0.7  # of two that may be: half of what they move is common
+MIN_COSINE = 0.95  # of two motions beyond the geometry that are one under two names
+MIN_COSINE_PERHAPS = 0.7  # of two that may be: half of that is common
 POWER_QUANTILE = 1.28  # standard errors beyond the level's own: a change so large is seen with 90 %
 NAMING_THRESHOLD = 5.4  # standard errors from which a search among thousands names with 90 %
 # certain, else possible
@@ -219,16 +219,28 @@ def compare_mechanisms(motions: Motions, moved: set[str]) -> tuple[MechanismChan
 def _find_likest(motions: Motions, campaign: int, name: str, others: list[str]) -> str | None:
     """Find which of the other campaign's mechanisms moves the target most like one of a campaign's;
     None where none is much alike. Campaigns call one error differently where neither is sure of it."""
-    own = motions.locate_mechanisms(campaign)[name]
-    places = motions.locate_mechanisms(1 - campaign)
-    motion = motions.whole(campaign, own)
-    cosines = {
-        other: _cosine(motion, motions.whole(1 - campaign, places[other])) for other in others
-    }
+    cosines = {}
+    for other in others:
+        named = (name, other) if campaign == 0 else (other, name)
+        cosines[other] = _measure_likeness(motions, *named)
     likest = max(cosines, key=cosines.__getitem__, default=None)
     if likest is None or cosines[likest] < MIN_COSINE_PERHAPS:
         return None
     return label_mechanism(likest)
+
+
+def _measure_likeness(motions: Motions, first: str, second: str) -> float:
+    """Measure the cosine between the motions of the first campaign's mechanism and of the second's
+    beyond the geometry: all whose causes keep one sign are much alike with what it follows. Of two
+    that it follows entirely, that of the whole motions."""
+    own = motions.locate_mechanisms(0)[first]
+    other = motions.locate_mechanisms(1)[second]
+    is_followed = motions.is_followed(0, own)
+    if is_followed != motions.is_followed(1, other):
+        return 0.0
+    if is_followed:
+        return _cosine(motions.whole(0, own), motions.whole(1, other))
+    return _cosine(motions.motion(0, own), motions.motion(1, other))
 
 
 def _measure_turns(
@@ -259,15 +271,11 @@ class _Pair:
 def _match_renamed(motions: Motions, disappeared: list[str], appeared: list[str]) -> list[_Pair]:
     """Match mechanisms that disappeared with ones that appeared and move the target alike: one motion under
     two names."""
-    before = motions.locate_mechanisms(0)
-    after = motions.locate_mechanisms(1)
     unmatched = list(appeared)
     pairs = list[_Pair]()
     for name in disappeared:
-        motion = motions.whole(0, before[name])
         for candidate in unmatched:
-            candidate_motion = motions.whole(1, after[candidate])
-            cosine = _cosine(motion, candidate_motion)
+            cosine = _measure_likeness(motions, name, candidate)
             if cosine > MIN_COSINE:
                 first, second = label_mechanism(name), label_mechanism(candidate)
                 label = f"{first} (now {second}, which moves the arm alike)"

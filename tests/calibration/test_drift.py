@@ -557,6 +557,24 @@ def test_two_names_of_motions_that_are_much_alike_may_be_one_error(beside_mm, is
         assert words.endswith(told) == is_told, words
 
 
+@pytest.mark.parametrize("mean", [3.0, 8.0])
+def test_motions_alike_in_what_the_geometry_follows_are_not_called_one(mean, rng) -> None:
+    """Two causes of one sign: all that their motions have in common is a turn of joint 3 by a
+    constant, by so much that they may be, or would be, one error under two names."""
+    from modelsel.mechanisms.causes import cos, q, sin
+    from modelsel.mechanisms.terms import Mechanism
+
+    wrist = Mechanism("wrist", (Term("h", (Screw(3, "rz", cos(q(4)) + mean),)),))
+    hand = Mechanism("hand", (Term("k", (Screw(3, "rz", sin(q(5)) + mean),)),))
+    geometry, theta = truth(("geometric",))
+    first = calibrated(rng, Model((*geometry.mechanisms, wrist)), np.r_[theta, 1e-3])
+    second = calibrated(rng, Model((*geometry.mechanisms, hand)), np.r_[theta, 1e-3])
+    found = compare_campaigns(first, second)
+    assert [one.name for one in found.mechanisms] == ["wrist", "hand"]
+    said = " ".join(describe_change(one) for one in found.mechanisms)
+    assert "alike" not in said
+
+
 def test_a_drift_within_the_second_campaign_came_and_is_no_change_of_the_geometry(rng) -> None:
     geometry, theta = truth(("geometric",))
     drifting = Model((*geometry.mechanisms, mechanism("tracker-drift", ROBOT)))
