@@ -13,23 +13,27 @@ from .._typing import Array
 from ..exceptions import DataError, ModelselError, write_rounded
 from ..measurements.clock_offset import find_clock_offset
 from ..measurements.columns import UNITS, convert_to_numbers
+from ..measurements.contract_columns import list_contract_names
 from ..measurements.joining import Join, find_joins
-from ..measurements.nearest_times import find_nearest_times, read_clocks
+from ..measurements.nearest_times import Clocks, find_nearest_times, read_clocks
 from ..measurements.other_units import convert_mapped
 from ..measurements.row_order import choose_standstill
 from ..measurements.table import Table
 from ..robot.kinematics import Robot
-from ..setup.clock_fit import ClockFit, fit_clock_offset
+from ..setup.clock_fit import MIN_POINTS, ClockFit, fit_clock_offset
 from ..setup.other_robots import MAX_REACH_SHARE
 from .new_study import StudyDraft
 from .nominal_misfit import CLEAR_FACTOR, measure_misfit
 
 UNEXPLAINED = (
     "The files were joined by time. Where the two clocks differ, points have the readings of other "
-    "moments: check both clocks, and say --clock-offset. No offset was found at which the nominal arm "
-    "fits."
+    "moments: check both clocks, and say --clock-offset."
 )
-
+NOT_FOUND = "No offset was found at which the nominal arm fits."
+NOT_LOOKED_FOR = (
+    "An offset at which the nominal arm fits was not looked for, since the joint log's readings and the "
+    f"positions and times of {MIN_POINTS} points are needed for that."
+)
 
 # share of the points with the readings of an arm in motion from which that is said; up to which it is
 # no campaign in motion
@@ -70,25 +74,25 @@ def measure_draft(draft: StudyDraft) -> float:
 
 def propose_offset(
     points: Table, log: Table, robot: Robot, draft_join: Drafter, max_gap: float
-) -> OtherClock | None:
+) -> OtherClock | str:
     """Propose an offset of the log's clock for two tables that have times: that at which the nominal
-    arm fits their rows; None where there is none."""
-    count = min(len(points), len(log))
-    any_rows = np.arange(count)
+    arm fits their rows; where there is none what is said of that."""
+    timed = _read_timed(points, log, draft_join)
+    if timed is None:
+        return NOT_LOOKED_FOR
+    fit = fit_clock_offset(robot, timed.clocks, timed.position, timed.q, max_gap)
+    if fit is None:
+        return NOT_FOUND
     try:
-        draft = draft_join(Join("order", any_rows, any_rows, ""))
-        fit = _search_offset(points, log, draft, max_gap)
-        if fit is None:
-            return None
         joins, _ = find_joins(points, log, max_gap, fit.seconds)
         if "time" not in joins:
-            return None
+            return NOT_FOUND
         joined = draft_join(joins["time"])
     except ModelselError:
-        return None
+        return NOT_FOUND
     misfit = measure_draft(joined)
     if not misfit <= MAX_REACH_SHARE * robot.reach:
-        return None
+        return NOT_FOUND
     return OtherClock(fit, misfit)
 
 
@@ -103,7 +107,7 @@ def advise_on_clocks(
     if find_clock_offset(clocks.points, clocks.log, max_gap) is not None:
         return ""
     other = propose_offset(points, log, robot, draft_join, max_gap)
-    return "" if other is None else other.remedy
+    return "" if isinstance(other, str) else other.remedy
 
 
 def check_clocks(
@@ -125,24 +129,32 @@ def check_clocks(
     is_far = MAX_REACH_SHARE * robot.reach < least < np.inf
     if not is_far and misfits["time"] > least:
         return ""
-    said = UNEXPLAINED
+    said = ""
     if not is_far:
         said = _describe_moving(points, log, drafts["time"], max_gap, clock_offset)
-    if not said:
-        return ""
+        if not said:
+            return ""
     other = propose_offset(points, log, robot, draft_join, max_gap)
     if not is_far:
-        if other is None or other.fit.least <= clock_offset <= other.fit.most:
-            return said
-        return f"{said} {other.remedy}"
-    if other is None or least < CLEAR_FACTOR * other.misfit:
-        return UNEXPLAINED
+        return said + _add_remedy(other, clock_offset)
+    if isinstance(other, str):
+        return f"{UNEXPLAINED} {other}"
+    if least < CLEAR_FACTOR * other.misfit:
+        return f"{UNEXPLAINED} {NOT_FOUND}"
     raise DataError(
         "joined by time as the clocks are, the nominal arm fits the points to "
         f"{write_rounded(misfits['time'])} mm: the clocks of the two files differ.",
         file=points.where.file,
         remedy=other.remedy,
     )
+
+
+def _add_remedy(other: OtherClock | str, clock_offset: float) -> str:
+    """Return the remedy to add where the arm fits with an offset of the clocks that differs from the
+    present one."""
+    if isinstance(other, str) or other.fit.least <= clock_offset <= other.fit.most:
+        return ""
+    return f" {other.remedy}"
 
 
 def _describe_moving(
@@ -175,28 +187,50 @@ def _describe_moving(
     )
 
 
-def _search_offset(points: Table, log: Table, draft: StudyDraft, max_gap: float) -> ClockFit | None:
-    """Search the seconds by which the log's clock is ahead; `draft`: the columns of the joined
-    tables."""
+@dataclass(frozen=True, eq=False)
+class _Timed:
+    """The times of two files, positions (m, 3) [mm] of the points and readings q (n, joints) of the log
+    that have one."""
+
+    clocks: Clocks
+    position: Array
+    q: Array
+
+
+def _read_timed(points: Table, log: Table, draft_join: Drafter) -> _Timed | None:
+    """Read what tells an offset of the clocks; None where something of it is lacking, or too few
+    points have it."""
+    count = min(len(points), len(log))
+    any_rows = np.arange(count)
+    try:
+        draft = draft_join(Join("order", any_rows, any_rows, ""))
+    except ModelselError:
+        return None
     clocks = read_clocks(points, log)
-    robot = draft.robot
-    q = _read_columns(log, draft, [f"q{j}_" for j in range(1, robot.n + 1)])
+    q = _read_columns(log, draft, [f"q{j}_" for j in range(1, draft.robot.n + 1)])
     position = _read_columns(points, draft, ["x_", "y_", "z_"])
     if isinstance(clocks, str) or q is None or position is None:
         return None
     timed = position[clocks.point_rows]
     is_measured = np.isfinite(timed).all(axis=1)
+    if is_measured.sum() < MIN_POINTS:
+        return None
     measured = replace(
         clocks, points=clocks.points[is_measured], point_rows=clocks.point_rows[is_measured]
     )
-    return fit_clock_offset(robot, measured, timed[is_measured], q[clocks.log_rows], max_gap)
+    return _Timed(measured, timed[is_measured], q[clocks.log_rows])
 
 
 def _read_columns(table: Table, draft: StudyDraft, beginnings: Sequence[str]) -> Array | None:
     """Read columns (m, k) by the beginnings of their contract's names, in rad or mm, as a draft has
-    them; nan where a cell is no number, None where the table lacks one."""
-    own = {name: given for name, given in draft.columns.items() if given in table}
-    converted, _ = convert_mapped(table, own, draft.robot.prismatic)
+    them, or as they are called so already; nan where a cell is no number, None where the table lacks
+    one."""
+    mapped = draft.columns
+    prismatic = draft.robot.prismatic
+    own = {name: given for name, given in mapped.items() if given in table}
+    known = list_contract_names(prismatic) - {*mapped, *mapped.values()}
+    own |= {name: name for name in table.columns if name in known}
+    converted, _ = convert_mapped(table, own, prismatic)
     values = []
     for beginning in beginnings:
         name = next((each for each in own if each.startswith(beginning)), None)

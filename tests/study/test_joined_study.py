@@ -74,6 +74,13 @@ def leica(start: int = 8 * 3600, step: float = 11.0) -> str:
     return "\n".join(lines) + "\n"
 
 
+def to_contract(text: str, separator: str, columns: dict[int, str]) -> str:
+    """The same lines below names of the contract, where these are the columns to keep."""
+    lines = [line.split(separator) for line in text.splitlines()]
+    kept = [separator.join(line[k] for k in columns) for line in lines]
+    return "\n".join([separator.join(columns.values()), *kept]) + "\n"
+
+
 def clock(seconds: float) -> str:
     whole = int(seconds)
     return f"{whole // 3600:02d}:{whole // 60 % 60:02d}:{seconds % 60:06.3f}"
@@ -496,14 +503,26 @@ def standing_log(ahead: float, rng: np.random.Generator) -> str:
     return "\n".join(["Time,J1,J2,J3,J4,J5,J6", *rows]) + "\n"
 
 
+READINGS = {0: "Time"} | {k: f"q{k}_deg" for k in range(1, 7)}
+POSITIONS = {1: "x_mm", 2: "y_mm", 3: "z_mm", 5: "Time"}
+
+
+@pytest.mark.parametrize("contract", ["", "points", "log", "points and log"])
 @pytest.mark.parametrize("way", [(), ("--join", "time")])
 @pytest.mark.parametrize(("least", "most"), [(9, 25), (1000, 4000), (-60, -9)])
-def test_a_dense_log_whose_clock_differs_is_told_by_the_arm(least, most, way, tmp_path) -> None:
-    """Whether the wrong readings are near in time or none are: the offset is proposed, nothing is
-    written; with it the rows are the campaign's."""
+def test_a_dense_log_whose_clock_differs_is_told_by_the_arm(
+    least, most, way, contract, tmp_path
+) -> None:
+    """Whether the wrong readings are near in time or none are, and whatever columns are called: the
+    offset is proposed, nothing is written; with it the rows are the campaign's."""
     rng = np.random.default_rng()
     ahead = rng.uniform(least, most)
-    written(tmp_path, leica(), standing_log(ahead, rng))
+    points, readings = leica(), standing_log(ahead, rng)
+    if "points" in contract:
+        points = to_contract(points, " ", POSITIONS)
+    if "log" in contract:
+        readings = to_contract(readings.split("\n", 1)[1], ",", READINGS)
+    written(tmp_path, points, readings)
     ran = invoked(*way)
     assert ran.exit_code == 3, ran.output
     assert not (tmp_path / "s").exists()
@@ -534,16 +553,25 @@ def test_readings_of_an_arm_in_motion_are_told(tmp_path) -> None:
     check(tmp_path, ALL)
 
 
-def test_clocks_that_explain_nothing_are_doubted(tmp_path) -> None:
-    """The readings are mixed up: no offset fits, and that the clocks may differ is said."""
+@pytest.mark.parametrize(
+    ("count", "told"),
+    [
+        (ROWS, "No offset was found at which the nominal arm fits."),
+        (11, "An offset at which the nominal arm fits was not looked for, since"),
+    ],
+)
+def test_clocks_that_explain_nothing_are_doubted(count, told, tmp_path) -> None:
+    """The readings are mixed up: no offset fits, and that the clocks may differ is said. Of few
+    points none is looked for."""
     rng = np.random.default_rng()
     log_lines = standing_log(0.0, rng).splitlines()
     mixed = [line.split(",") for line in log_lines[1:]]
     lines = [f"{t},{j2},{j1},{j3},{j5},{j4},{j6}" for t, j1, j2, j3, j4, j5, j6 in mixed]
-    written(tmp_path, leica(), "\n".join([log_lines[0], *lines]) + "\n")
+    points = "\n".join(leica().splitlines()[:count]) + "\n"
+    written(tmp_path, points, "\n".join([log_lines[0], *lines]) + "\n")
     ran = invoked()
     assert ran.exit_code == 0, ran.output
-    assert "No offset was found at which the nominal arm fits." in ran.stdout
+    assert told in ran.stdout
 
 
 def test_swapped_files_are_told(tmp_path) -> None:
