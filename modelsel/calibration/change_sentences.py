@@ -42,7 +42,9 @@ def _describe_turns(change: MechanismChange, between: str | None = None) -> str:
     before, after = change.turns_mrad
     figures = write_rounded(max(before, after))
     if change.only_in is None and between is not None:
-        figures = f"{write_rounded(before)}{between}{write_rounded(after)}"
+        first = write_rounded(before)
+        second = write_rounded(after)
+        figures = f"{first}{between}{second}"
     return f", {figures} mrad rms of its orientation"
 
 
@@ -69,7 +71,8 @@ def _describe_single(change: MechanismChange) -> str:
     told = _describe_size_and_limit(change)
     if change.perhaps is None:
         return told
-    other = CAMPAIGN_NAMES[change.only_in == CAMPAIGN_NAMES[0]]
+    is_first = change.only_in == CAMPAIGN_NAMES[0]
+    other = CAMPAIGN_NAMES[is_first]
     return f"{told} It may be the same error as {change.perhaps} of the {other}, which moves the target much alike."
 
 

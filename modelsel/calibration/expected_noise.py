@@ -37,7 +37,8 @@ def expect_noise(c: Calibration, spread: Array) -> tuple[float, float]:
     if is_overstated(c):
         return max(shown, MIN_UNCERTAINTY), freedom
     parameters = _measure_parameters(c, spread)
-    noise = max(shown**2 - parameters, 0.0)
+    left = shown**2 - parameters
+    noise = max(left, 0.0)
     held_out = float(np.sqrt(noise))
     if held_out > MIN_FACTOR * sigma:
         sigma = held_out

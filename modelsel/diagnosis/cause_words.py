@@ -70,7 +70,7 @@ def settles(mechanism: Mechanism) -> bool:
     return find_constant_of(screws[0].cause) is not None
 
 
-def follow(mechanism: Mechanism, causes: str) -> str:
+def append_cause(mechanism: Mechanism, causes: str) -> str:
     """Return what follows the motion of a mechanism in a sentence: that it settles, what it is in
     proportion to, or else with which `causes` it goes."""
     if settles(mechanism):

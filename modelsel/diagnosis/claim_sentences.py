@@ -10,7 +10,7 @@ from ..measurements.state_names import is_where_target_is
 from ..mechanisms.causes import Bump
 from ..mechanisms.terms import describe_frame_motion
 from .candidate_kinds import CandidateKind
-from .cause_words import follow, name_driver
+from .cause_words import append_cause, name_driver
 from .credible_sets import FOUND
 from .effect_sentences import describe_effect, list_cautions
 from .effects import Effect
@@ -342,7 +342,7 @@ def _describe_shape(effect: Effect) -> str:
         return f"The instrument measures wrongly, by a {candidate.label}"
     if candidate.registered and len(candidate.mechanism.names()) > MOST_DRIVERS:
         return f"{name_places(effect)} as {candidate.label} describes, but with other signs"
-    return f"{name_places(effect)}{follow(candidate.mechanism, causes)}"
+    return f"{name_places(effect)}{append_cause(candidate.mechanism, causes)}"
 
 
 def _describe_cause(effect: Effect) -> str:

@@ -12,7 +12,7 @@ from ..measurements.state_names import StateKind, describe_state_name, parse_sta
 from ..mechanisms.causes import Applied, Bump, find_bump
 from ..mechanisms.terms import Mechanism, Term, describe_frame_motion, letter
 from .candidates import Candidate
-from .cause_words import find_constant_of, follow
+from .cause_words import append_cause, find_constant_of
 from .effects import Effect
 from .fitted_curves import find_waves, measure_heights
 from .sign_constraints import are_unsigned_negative
@@ -234,7 +234,7 @@ def _describe_place(candidate: Candidate, joint: str) -> str:
     symbol = letter(screw.frame, screw.axis)
     causes = candidate.causes(" and ")
     where = joint or f"{motion} ({symbol})"
-    return f"{where}{follow(candidate.mechanism, causes)}"
+    return f"{where}{append_cause(candidate.mechanism, causes)}"
 
 
 def label_effect(effect: Effect) -> str:

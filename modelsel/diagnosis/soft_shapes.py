@@ -41,7 +41,8 @@ def generate_soft_springs(problem: Problem, found: Mechanism) -> Iterator[Mechan
     """Generate springs that stiffen with the torque about a joint, beside a power of it. None for any
     other finding."""
     joint, _ = next(iter(found.names_by_place()))
-    if found.names() != {f"torque{joint}"}:
+    own_torque = f"torque{joint}"
+    if found.names() != {own_torque}:
         return
     powers = build_powers(problem, joint)
     if found in powers.values():
@@ -60,8 +61,9 @@ def build_soft_springs(problem: Problem, joint: int) -> Iterator[Mechanism]:
         yield build_cell(place, (share / softer,))
     side = Applied("sign", share)
     for factor in STIFFENING:
-        root = Applied("root", factor * size + 1.0)
-        yield build_cell(place, (side * (root - 1.0),))
+        grown = factor * size + 1.0
+        beyond = Applied("root", grown) - 1.0
+        yield build_cell(place, (side * beyond,))
 
 
 def list_springs(problem: Problem, place: Place, found: Sequence[Mechanism]) -> list[Mechanism]:

@@ -34,8 +34,10 @@ def find_loaded_joint(robot: Robot, found: Mechanism) -> int | None:
         return None
     ((place, names),) = names_by_place.items()
     joint, _ = place
-    is_own = names == {f"torque{joint}"}
-    return joint if is_own and is_joint_motion(robot, place) else None
+    own_torque = f"torque{joint}"
+    if names != {own_torque} or not is_joint_motion(robot, place):
+        return None
+    return joint
 
 
 def list_together(

@@ -45,9 +45,11 @@ def find_filled_times(table: Table) -> tuple[Times | None, Index]:
         is_blank = find_blank_cells(cells)
         is_time = parse_column_name(name).words & TIME_WORDS
         if is_time and 0 < is_blank.mean() <= MAX_BLANK_SHARE:
-            times = find_times(_take(table, ~is_blank))
+            is_filled = ~is_blank
+            filled = _take(table, is_filled)
+            times = find_times(filled)
             if times is not None:
-                return times, np.flatnonzero(~is_blank)
+                return times, np.flatnonzero(is_filled)
     return None, every
 
 

@@ -215,7 +215,8 @@ def _is_deviation(name: ColumnName) -> bool:
     marks = DEVIATION_WORDS | SHORT_DEVIATIONS
     if name.quantity in AXES:
         marks |= {"d"}
-    others = name.words - MEASURED - COMMANDED - POSITION_WORDS - FIT_WORDS
+    usual = MEASURED | COMMANDED | POSITION_WORDS | FIT_WORDS
+    others = name.words - usual
     return bool(others) and others <= marks
 
 

@@ -91,8 +91,9 @@ class StudyRun:
         count = len(self.diagnosis.findings)
         findings = count_words(count, "finding")
         study = self.study.name
+        quoted = repr(study)
         robot = self.robot.name
-        return f"Run of {study!r}: {robot}, {findings}"
+        return f"Run of {quoted}: {robot}, {findings}"
 
     @property
     def problem(self) -> Problem:

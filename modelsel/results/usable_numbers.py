@@ -68,9 +68,8 @@ def list_usable(mechanism: Mechanism, fitted: Fitted) -> list[Usable]:
         measure = _choose_by_shape(mechanism, fitted.workspace.problem.robot)
     if measure is None:
         return []
-    numbers = measure(mechanism, fitted)
     usable = []
-    for one in numbers:
+    for one in measure(mechanism, fitted):
         is_large = abs(one.value) >= MIN_DISPLACEMENT
         if one.unit != "mm" or is_large:
             usable.append(one)

@@ -323,8 +323,10 @@ def _is_far(split: Split, evaluation: Evaluation, floor: Floor) -> bool:
 def _measure_left(evaluation: Evaluation) -> float:
     """Return what a model leaves of the positions (rms, mm), of estimation or held-out rows, whichever
     is more."""
-    of_estimation = evaluation.estimation.rms_mm or 0.0
-    of_held_out = evaluation.held_out.rms_mm or 0.0
+    estimation = evaluation.estimation
+    held_out = evaluation.held_out
+    of_estimation = estimation.rms_mm or 0.0
+    of_held_out = held_out.rms_mm or 0.0
     return max(of_estimation, of_held_out)
 
 

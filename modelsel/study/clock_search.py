@@ -54,10 +54,11 @@ class OtherClock:
     def remedy(self) -> str:
         """Say how well the nominal arm fits then, the option, and which offsets do as well."""
         fit = self.fit
+        misfit = write_rounded(self.misfit)
         way = "ahead of" if fit.seconds > 0 else "behind"
         return (
             f"With the joint log's clock {abs(fit.seconds):.6g} s {way} the instrument's, the nominal "
-            f"arm fits to {write_rounded(self.misfit)} mm: say --clock-offset {fit.seconds:.6g} "
+            f"arm fits to {misfit} mm: say --clock-offset {fit.seconds:.6g} "
             f"({fit.least:.6g} to {fit.most:.6g} s fit alike)."
         )
 

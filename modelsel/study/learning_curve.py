@@ -42,7 +42,8 @@ def describe_size(plan: MeasurementPlan, size: float, more: int) -> str:
     when = "in what is measured already"
     if more:
         total = -(-more * plan.measured // plan.configurations)
-        when = f"after {count_words(more, 'more configuration')} that estimate"
+        counted = count_words(more, "more configuration")
+        when = f"after {counted} that estimate"
         if total > more:
             when += f", of {total:,} in all where the split stays in proportion"
     return f"An effect of {size:g} mm rms beyond the model is found with 90 % probability {when}."

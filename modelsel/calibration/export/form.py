@@ -59,7 +59,9 @@ class Exported:
         if own <= self.useful * nominal:
             return None
         compared = "worse" if own > nominal else "hardly better"
-        return f"this file is {compared} than the nominal arm: {write_rounded(own)} mm rms against {write_rounded(nominal)} mm, {rows}"
+        left = write_rounded(own)
+        before = write_rounded(nominal)
+        return f"this file is {compared} than the nominal arm: {left} mm rms against {before} mm, {rows}"
 
 
 def describe_left_out(parts: Sequence[Part]) -> tuple[str, ...]:
