@@ -121,8 +121,11 @@ class Columns:
 
     def take_gram(self, g: int) -> Array:
         """(k, k) Gram matrix of candidate g's columns."""
-        number, row = self.home[g]
-        return np.asarray(self.grams[number].gram[row])
+        home = self.home
+        number, row = home[g]
+        block = self.grams[number]
+        gram: Array = block.gram[row]
+        return gram
 
     def dot(self, values: NDArray[Any]) -> NDArray[Any]:
         """Compute (C, ...) products of every column with values (N + k, ...).

@@ -85,9 +85,13 @@ class _Rows:
 
     def _measure_lengths(self, left: Array) -> Array:
         """Measure the lengths (m,) of the positional part of what is left (N,) of all rows."""
-        squares = np.square(left) * self.is_position
-        sums = np.bincount(self.row, squares, len(self.problem))
-        return np.asarray(np.sqrt(sums))
+        count = len(self.problem)
+        squares = np.square(left)
+        counted = squares * self.is_position
+        row = self.row
+        sums = np.bincount(row, counted, count)
+        lengths: Array = np.sqrt(sums)
+        return lengths
 
 
 def choose_beside_outliers(problem: Problem, fitted: Fit, steps: Columns, best: int) -> int:
@@ -124,25 +128,30 @@ def _settle(rows: _Rows, far: Mask) -> tuple[int, Array]:
         scale = min(map(rows.scale, sizes))
         costs = [_bound_cost(size, scale) for size in sizes]
         best = int(np.argmin(costs))
-        again = rows.find_far(sizes[best], scale)
+        size = sizes[best]
+        again = rows.find_far(size, scale)
         is_same = again == far
         if is_same.all():
             break
         far = again
-    return best, sizes[best]
+    return best, size
 
 
 def _number_coordinates(problem: Problem) -> tuple[Index, Mask]:
     """Number the row (N,) of every measured coordinate, and tell whether it is one of a position."""
-    component = np.arange(problem.components)[:, None]
+    count = problem.components
+    components = np.arange(count)
+    every_row = np.arange(len(problem))
     numbered = []
     for rows in problem.blocks():
-        row = np.arange(rows.start, rows.stop)
-        grids = np.broadcast_arrays(row, component)
+        own = every_row[rows]
+        grids = np.meshgrid(own, components)
         both = np.stack(grids)
-        numbered.append(flatten_measured(problem, rows, both))
-    row, of_row = np.concatenate(numbered, axis=1)
-    return row, of_row < POSITION.stop
+        flat = flatten_measured(problem, rows, both)
+        numbered.append(flat)
+    row, component = np.concatenate(numbered, axis=1)
+    is_position = component < POSITION.stop
+    return row, is_position
 
 
 def _solve_determined(gram: Array, beyond: Array, products: Array) -> Array:
@@ -152,11 +161,19 @@ def _solve_determined(gram: Array, beyond: Array, products: Array) -> Array:
     squares = np.diagonal(gram)
     positive = np.maximum(squares, TINY)
     length = np.sqrt(positive)
-    values, vectors = np.linalg.eigh(beyond / np.outer(length, length))
-    counts = values > OWN_SHARE**2
+    pairs = np.outer(length, length)
+    of_unit = beyond / pairs
+    values, vectors = np.linalg.eigh(of_unit)
+    least = OWN_SHARE**2
+    counts = values > least
+    kept = values[counts]
     own = vectors[:, counts]
-    sizes = own.T @ (products / length) / values[counts]
-    return np.asarray(own @ sizes / length)
+    wanted = products / length
+    along = own.T @ wanted
+    sizes = along / kept
+    turned = own @ sizes
+    theta: Array = turned / length
+    return theta
 
 
 def _bound_cost(size: Array, scale: float) -> float:

@@ -206,7 +206,8 @@ def _estimate(effects: Sequence[Effect], fitted: Fit) -> list[Effect]:
     numbers = number_repeated(labels)
     estimated = []
     for effect, number in zip(effects, numbers, strict=True):
-        mechanism = effect.candidate.mechanism
+        candidate = effect.candidate
+        mechanism = candidate.mechanism
         own = fitted.locate(mechanism)
         estimate = fitted.theta[own]
         error = fitted.standard_errors[own]

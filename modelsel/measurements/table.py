@@ -147,7 +147,9 @@ def _load_series(column: pd.Series[Any]) -> NDArray[Any]:
     if column.hasnans:
         numbers = column.to_numpy(dtype=float, na_value=np.nan)
         return np.asarray(numbers)
-    return np.asarray(column.to_numpy(copy=True))  # the frame is its owner's to change
+    # the frame is its owner's to change
+    copied = column.to_numpy(copy=True)
+    return np.asarray(copied)
 
 
 def _load_grid(file: DataFile) -> Table:
