@@ -16,10 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from .._typing import Array
+from .._typing import Array, Mask
 from ..exceptions import NotEstimable
 from ..fitting.design import Model, residuals
 from ..fitting.least_squares import Fit
+from ..measurements.measurements import Gauges
 from ..measurements.reference_temperature import TEMPERATURE
 from ..mechanisms.environment import INSTRUMENT_MOVES
 from ..mechanisms.geometry import SETUP
@@ -231,7 +232,8 @@ def _select_refit(
 
 
 def correct_measurements(split: Split, fitted: Fit) -> Split:
-    """Take what the instrument measured wrongly, as a model has it, off the measurements."""
+    """Take what the instrument measured wrongly, as a model has it, off the measurements. Rows whose
+    reading is none, but zero, have nothing that it could be taken off: they are left out."""
     problem = split.problem.unweighted()
     arm = select_carried(fitted.model, "whole")
     theta = [
@@ -241,13 +243,25 @@ def correct_measurements(split: Split, fitted: Fit) -> Split:
     shift = without[:, :3] - residuals(problem, fitted.terms, fitted.theta)[:, :3]
     data = problem.data
     gauges = data.gauges
+    outlying = split.outlying
     if gauges is not None:
+        outlying = outlying | _find_zero_readings(gauges)
         is_length = gauges.of("wire", "ball-bar", "distance")
         length = np.where(is_length, gauges.length - shift[:, 0], gauges.length)
         gauges = replace(gauges, length=length)
         shift[is_length] = 0.0
     corrected = replace(data, position=data.position - shift, gauges=gauges)
-    return replace(split, problem=replace(split.problem, data=corrected))
+    problem = replace(split.problem, data=corrected)
+    folds = np.where(outlying, -1, split.folds)
+    return replace(split, problem=problem, outlying=outlying, folds=folds)
+
+
+def _find_zero_readings(gauges: Gauges) -> Mask:
+    """Mask (m,) the rows that read zero by what they are: touched planes and points, and bars whose
+    length is not known."""
+    is_bar = gauges.of("ball-bar")
+    is_open = is_bar & np.isnan(gauges.length)
+    return is_open | gauges.of("plane", "same-point")
 
 
 def _cross_validation_error(made: Evaluation) -> float:

@@ -10,7 +10,11 @@ import numpy as np
 import pytest
 from builders import seeds
 from exact import flanges_of
+from gauged import NOISE as CAMPAIGN_NOISE
+from gauged import TOOL as CAMPAIGN_TOOL
 from gauged import Campaign
+from hidden_arm import Effect, State, measured
+from hidden_effects import shifted
 from scipy.spatial.transform import Rotation
 
 from modelsel.calibration.calibration import Calibration, calibrate
@@ -29,12 +33,14 @@ from modelsel.fitting.whitening import Whitening
 from modelsel.measurements.measurements import build_measurements
 from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.environment import tracker_step
+from modelsel.mechanisms.geometry import build_setup
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import Robot
 from modelsel.robot.rigid import transform
 from modelsel.robot.urdf import read_urdf_text
 from modelsel.selection.evaluation import Split
+from modelsel.setup.feature_positions import place_features
 
 NOISE_MM = 0.02
 ROWS = 200
@@ -142,12 +148,20 @@ def test_refits_of_an_earlier_version_are_not_used(rng) -> None:
 
 
 @seeds(5)
-def test_readings_of_every_kind_are_corrected(rng, tmp_path) -> None:
-    """What the arm alone leaves of them is what arm and instrument left of what was read."""
+def test_points_coordinates_and_lengths_are_corrected_and_zero_readings_left_out(
+    rng, tmp_path
+) -> None:
+    """What the arm alone leaves of readings is what arm and instrument left of what was read. Nothing
+    can be taken off a touched plane or point, or a bar whose length is not known."""
     campaign = Campaign(rng)
     campaign.points(20)
     campaign.axes(12)
     campaign.distances(20)
+    campaign.wires(12)
+    campaign.bars(8, {"known": 400.0}, True)
+    campaign.bars(8, {"open": 500.0}, False)
+    campaign.plates(8, 1)
+    campaign.touches(6, 1)
     robot = load_robot("puma760")
     data = read_measurements(campaign.file(tmp_path), robot)
     at = Problem(robot, data, np.array([[0.0, 0.0, 100.0]]))
@@ -156,14 +170,54 @@ def test_readings_of_every_kind_are_corrected(rng, tmp_path) -> None:
     fitted = replace(fitted, theta=np.full(len(fitted.terms), 1e-3))
     every = np.ones(len(at), bool)
     split = Split(at, every, ~every, np.arange(len(at)) % 5, True)
-    corrected = correct_measurements(split, fitted).problem
+    corrected_split = correct_measurements(split, fitted)
+    corrected = corrected_split.problem
+    used = corrected_split.used
     arm = select_carried(fitted.model, "whole")
     own = [place for place, term in enumerate(fitted.terms) if arm(term)]
     terms = tuple(fitted.terms[place] for place in own)
     left = residuals(corrected.unweighted(), terms, fitted.theta[own])
     expected = residuals(at.unweighted(), fitted.terms, fitted.theta)
-    np.testing.assert_allclose(left, expected, atol=1e-9)
+    np.testing.assert_allclose(left[used], expected[used], atol=1e-9)
+    assert len(used) - used.sum() == 8 + 8 + 6
+    assert (corrected_split.folds[~used] == -1).all()
     assert np.abs(residuals(at.unweighted(), terms, fitted.theta[own]) - expected).max() > 0.1
+
+
+@seeds(5, 6)
+def test_rows_that_read_zero_do_not_bend_the_arm(rng, tmp_path) -> None:
+    """Plates and bars of unknown length, met where the instrument sees the target: the arm alone
+    would meet them elsewhere."""
+
+    def stretch(_: State, points: np.ndarray) -> np.ndarray:
+        return misread(points, "tracker-range") - points
+
+    seen = Effect("range", "a longer beam", (shifted(stretch),), np.array([1.0]))
+    campaign = Campaign(rng, [seen])
+    campaign.points(90)
+    campaign.plates(120, 4)
+    campaign.bars(80, {"a": 500.0, "b": 700.0}, False)
+    robot = load_robot("puma760")
+    data = read_measurements(campaign.file(tmp_path), robot)
+    whitening = Whitening(1 / CAMPAIGN_NOISE)
+    tool = np.array(CAMPAIGN_TOOL)
+    at = Problem(robot, data, tool, whitening=whitening, tracker=tuple(STANDS.tolist()))
+    at = place_features(at, np.ones(len(at), bool))
+    assert data.gauges is not None
+    placing = build_setup(robot, 1, 1, False, False, data.gauges.features)
+    names = ("geometric", "tracker-range", "encoder-eccentricity:4")
+    fitted = fit(at, Model((placing, *(mechanism(name, robot) for name in names))))
+    every = np.ones(len(at), bool)
+    split = Split(at, every, ~every, np.arange(len(at)) % 5, True)
+    geometry = refit_forms(split, fitted).alone["geometry"]
+    q = campaign.arm.draw(rng, 300)
+    truth = measured(campaign.arm, State(campaign.arm, q), [])
+    of_arm = [term for term in fitted.terms if not term.fixture]
+    terms = tuple(of_arm[place] for place in geometry.terms)
+    left = residuals(Problem(robot, build_measurements(q, truth), tool), terms, geometry.theta)
+    assert geometry.estimation_rms_mm is not None
+    assert geometry.estimation_rms_mm < 1.1 * np.sqrt(3) * CAMPAIGN_NOISE
+    assert miss(truth - left, truth) < 0.05
 
 
 def test_the_workspace_is_measured_without_it(rng) -> None:
