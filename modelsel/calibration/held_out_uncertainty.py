@@ -22,11 +22,15 @@ def measure_held_out_uncertainty(c: Calibration, split: Split) -> float | None:
     rows, outliers left out; None without such rows, or where rows are no points."""
     is_held_out = ~split.estimation & ~split.outlying
     rows = np.flatnonzero(is_held_out)
-    if not len(rows) or not split.problem.only_points:
+    problem = split.problem
+    if not len(rows):
         return None
-    drawn = _draw_rows(rows, split.problem.data.configuration)
-    problem = split.problem.take(drawn)
-    spread = propagate_uncertainty(c, problem)
+    if not problem.only_points:
+        return None
+    configuration = problem.data.configuration
+    drawn = _draw_rows(rows, configuration)
+    some = problem.take(drawn)
+    spread = propagate_uncertainty(c, some)
     squares = np.square(spread)
     mean_square = squares.sum((1, 2)).mean()
     return float(np.sqrt(mean_square))

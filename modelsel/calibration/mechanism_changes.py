@@ -224,7 +224,9 @@ def _find_likest(motions: Motions, campaign: int, name: str, others: list[str]) 
         named = (name, other) if campaign == 0 else (other, name)
         cosines[other] = _measure_likeness(motions, *named)
     likest = max(cosines, key=cosines.__getitem__, default=None)
-    if likest is None or cosines[likest] < MIN_COSINE_PERHAPS:
+    if likest is None:
+        return None
+    if cosines[likest] < MIN_COSINE_PERHAPS:
         return None
     return label_mechanism(likest)
 
@@ -233,14 +235,20 @@ def _measure_likeness(motions: Motions, first: str, second: str) -> float:
     """Measure the cosine between the motions of the first campaign's mechanism and of the second's
     beyond the geometry: all whose causes keep one sign are much alike with what it follows. Of two
     that it follows entirely, that of the whole motions."""
-    own = motions.locate_mechanisms(0)[first]
-    other = motions.locate_mechanisms(1)[second]
+    places = motions.locate_mechanisms(0)
+    other_places = motions.locate_mechanisms(1)
+    own = places[first]
+    other = other_places[second]
     is_followed = motions.is_followed(0, own)
     if is_followed != motions.is_followed(1, other):
         return 0.0
     if is_followed:
-        return _cosine(motions.whole(0, own), motions.whole(1, other))
-    return _cosine(motions.motion(0, own), motions.motion(1, other))
+        before = motions.whole(0, own)
+        after = motions.whole(1, other)
+    else:
+        before = motions.motion(0, own)
+        after = motions.motion(1, other)
+    return _cosine(before, after)
 
 
 def _measure_turns(

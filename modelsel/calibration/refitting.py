@@ -260,8 +260,11 @@ def _find_zero_readings(gauges: Gauges) -> Mask:
     """Mask (m,) the rows that read zero by what they are: touched planes and points, and bars whose
     length is not known."""
     is_bar = gauges.of("ball-bar")
-    is_open = is_bar & np.isnan(gauges.length)
-    return is_open | gauges.of("plane", "same-point")
+    length = gauges.length
+    has_none = np.isnan(length)
+    is_open = is_bar & has_none
+    is_touched = gauges.of("plane", "same-point")
+    return np.asarray(is_open | is_touched)
 
 
 def _cross_validation_error(made: Evaluation) -> float:

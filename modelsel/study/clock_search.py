@@ -153,9 +153,13 @@ def check_clocks(
 def _add_remedy(other: OtherClock | str, clock_offset: float) -> str:
     """Return the remedy to add where the arm fits with an offset of the clocks that differs from the
     present one."""
-    if isinstance(other, str) or other.fit.least <= clock_offset <= other.fit.most:
+    if isinstance(other, str):
         return ""
-    return f" {other.remedy}"
+    fit = other.fit
+    if fit.least <= clock_offset <= fit.most:
+        return ""
+    remedy = other.remedy
+    return f" {remedy}"
 
 
 def _describe_moving(
@@ -208,9 +212,13 @@ def _read_timed(points: Table, log: Table, draft_join: Drafter) -> _Timed | None
     except ModelselError:
         return None
     clocks = read_clocks(points, log)
-    q = _read_columns(log, draft, [f"q{j}_" for j in range(1, draft.robot.n + 1)])
+    joints = range(1, draft.robot.n + 1)
+    names = [f"q{j}_" for j in joints]
+    q = _read_columns(log, draft, names)
     position = _read_columns(points, draft, ["x_", "y_", "z_"])
-    if isinstance(clocks, str) or q is None or position is None:
+    if isinstance(clocks, str):
+        return None
+    if q is None or position is None:
         return None
     timed = position[clocks.point_rows]
     is_measured = np.isfinite(timed).all(axis=1)
