@@ -164,7 +164,7 @@ def test_files_in_each_others_place_are_called_what_they_are(place: Path) -> Non
         (["init", "none.toml", "--robot", "ur5", "--yes"], 3, "none.toml: no such file."),
         (["check", "none.mat", "--robot", "ur5"], 3, "none.mat: no such file."),
         (["report", "nowhere"], 2, "nowhere: there is no such folder; "),
-        (["report", "study"], 2, "study: there is no result.json; "),
+        (["report", "study"], 2, "study: the folder of a study; "),
     ],
 )
 def test_what_is_not_there_is_called_nothing_else(
