@@ -243,7 +243,7 @@ def _list_alike(problem: Problem, candidate: Candidate, prior: float) -> Iterato
     yield from _weigh(free, "drivers", share)
     for kind, mechanisms in simple:
         yield from _weigh(mechanisms, _compare_drivers(mechanisms, drivers), share, kind)
-    # the constant of a power is not asked, either
+    # all of the odds each: the exponent of the power that was found has cost it nothing, either
     yield from _weigh(springs, "drivers", UNLISTED_ODDS * prior * len(springs))
     yield from _weigh(steps, "drivers", DISTINCT * share)
 
