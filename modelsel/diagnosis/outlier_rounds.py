@@ -17,7 +17,7 @@ from ..selection.structure_criterion import compute_trimmed_criterion
 from .base_fits import BaseFits
 from .candidates import Candidate, build_candidates
 from .outcome import Diagnosis
-from .outlier_runs import Steps, propose_steps
+from .outlier_runs import Steps, find_short_runs, propose_steps
 from .outliers import (
     GROSS_THRESHOLD,
     MAX_OUTLIER_SHARE,
@@ -73,11 +73,13 @@ class _Rounds:
         return self.visited[key]
 
     def find_outliers(self, named: _Visited, outlying: Mask) -> Mask:
-        """Find the estimation rows far off what was named without some of them."""
+        """Find the estimation rows far off what was named without some of them, and those that two
+        steps alone explain."""
         own = named.diagnosis.errors.of_instrument()
         weighed = own.whiten(self.split.problem)
         training = weighed.take(self.split.estimation)
-        return judge_rows(training, named.diagnosis, ~outlying)
+        far = judge_rows(training, named.diagnosis, ~outlying)
+        return far | find_short_runs(training.data, named.chosen, ~outlying)
 
     def propose(self, outlying: Mask) -> Steps:
         """Propose steps that explain some outliers to a search in all estimation rows."""

@@ -81,6 +81,25 @@ def _generate_runs(data: Measurements, outlying: Mask) -> Iterator[_Run]:
             yield _Run(target, end - start, begins, stops)
 
 
+def find_short_runs(data: Measurements, steps: Steps, inside: Mask) -> Mask:
+    """Find the rows (m,) `inside` that stand alone, or hardly more, between two steps of their target.
+
+    A slip and its return fit such rows whatever they are, and would move the step of an outlier's
+    neighbours to it."""
+    alone = np.zeros(len(data), bool)
+    for target in range(len(data.targets)):
+        found = {_read_moment(step, target) for step in steps}
+        moments = [moment for moment in found if moment is not None]
+        edges = np.sort(moments)
+        stretch = np.searchsorted(edges, data.progress)
+        own = inside & (data.target == target)
+        for place in range(1, len(edges)):
+            between = own & (stretch == place)
+            if between.sum() < MIN_RUN:
+                alone |= between
+    return alone
+
+
 def _overlap(run: _Run, other: _Run) -> bool:
     """Return whether two runs have a part of the campaign in common."""
     later = max(run.begins, other.begins)
@@ -94,17 +113,25 @@ def _list_pairs(candidates: Sequence[Candidate], run: _Run) -> list[Steps]:
     ends."""
     by_name: dict[str, dict[float, Candidate]] = {}
     for candidate in candidates:
-        mechanism = candidate.mechanism
-        moments = list_step_moments(mechanism.terms)
-        is_step = candidate.registered and candidate.fault is None and len(moments) == 1
-        moved = [target.index for target in find_moved_targets(mechanism)]
-        if is_step and (not moved or run.target in moved):
-            by_name.setdefault(mechanism.name, {})[moments.pop()] = candidate
+        moment = _read_moment(candidate, run.target)
+        if moment is not None:
+            by_name.setdefault(candidate.mechanism.name, {})[moment] = candidate
     pairs = []
     for steps in by_name.values():
         nearest = [_find_nearest(steps, at) for at in (run.begins, run.ends) if at is not None]
         pairs.append(tuple(dict.fromkeys(nearest)))
     return pairs
+
+
+def _read_moment(candidate: Candidate, target: int) -> float | None:
+    """Read the moment of a step that moves a target, or all; None of anything else."""
+    mechanism = candidate.mechanism
+    moments = list_step_moments(mechanism.terms)
+    is_step = candidate.registered and candidate.fault is None and len(moments) == 1
+    moved = [one.index for one in find_moved_targets(mechanism)]
+    if not is_step or (moved and target not in moved):
+        return None
+    return float(moments.pop())
 
 
 def _find_nearest(steps: dict[float, Candidate], at: float) -> Candidate:

@@ -84,7 +84,6 @@ def test_rows_far_off_at_random_places_stay_outliers(rng: Rng) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(reason="three good rows just after the slip are left out, too", strict=True)
 @seeds(1)
 def test_rows_far_off_beside_a_slip_stay_outliers(rng: Rng) -> None:
     at = draw_slips(rng, (1, 40, 70))
