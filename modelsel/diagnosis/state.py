@@ -203,14 +203,14 @@ class Search:
 
     def name_strongest(self, view: View, known: Sequence[int]) -> CredibleSet:
         """Name what explains most of the residual, beside candidates that are `known`."""
-        return self.ask_rest(view).answer(self.set_aside(known))
+        return self.ask_rest(view).answer(self.list_set_aside(known))
 
     def ask_rest(self, view: View) -> Question:
         """Ask what explains the residual of a model."""
         return ask(view.scan, self.candidates, self.log_prior, view.response)
 
-    def set_aside(self, known: Sequence[int]) -> Index:
-        """Set aside what explains nothing beside `known` candidates: these have had their turn, what
+    def list_set_aside(self, known: Sequence[int]) -> Index:
+        """List what explains nothing beside `known` candidates: these have had their turn, what
         the fit drops of them is no cause."""
         taken = np.array(known, dtype=np.intp)
         bumps = self._list_bumps(self.bumped[taken])
@@ -227,7 +227,7 @@ class Search:
         Signs are drawn for whole postures, and for whole groups where their rows go together; the
         largest of these p-values is returned."""
         log_prior = self.log_prior.copy()
-        excluded = self.set_aside(known)
+        excluded = self.list_set_aside(known)
         log_prior[excluded] = -np.inf
         p = []
         for unit in self.expand_partitions(view):

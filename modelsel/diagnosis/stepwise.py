@@ -131,7 +131,7 @@ def _find_next(search: Search, progress: SearchProgress) -> tuple[Remainder, int
     view = progress.view
     chosen = progress.chosen
     question = search.ask_rest(view)
-    strongest = question.answer(search.set_aside(chosen))
+    strongest = question.answer(search.list_set_aside(chosen))
     evidence = strongest.evidence
     p = compute_p_value(evidence, search.null)
     remainder = Remainder(strongest, p)
@@ -152,7 +152,7 @@ def _find_untried(
 
     Many weak ones may be beyond chance together: the one that is added must be so by itself, with
     others of the same effect, or it would be dropped again."""
-    aside = search.set_aside(progress.chosen)
+    aside = search.list_set_aside(progress.chosen)
     for _ in range(MAX_TRIED):
         if compute_p_value(strongest.evidence, search.null) > LEVEL:
             break

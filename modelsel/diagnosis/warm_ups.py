@@ -12,10 +12,9 @@ import numpy as np
 
 from .._typing import Array
 from ..fitting.problem import Problem
-from ..mechanisms.causes import Applied, Combined, Number
 from ..mechanisms.terms import Mechanism
+from .cause_words import find_constant_of
 from .distinct_places import Place
-from .driver_functions import IN_TIME
 from .unregistered import WARM_UP_SHARES, build_cell, build_warm_ups, choose_clock
 
 # time constants in shares of the campaign: so near one another that what lies between two of them leaves
@@ -34,10 +33,11 @@ def find_time_constant(mechanism: Mechanism) -> float | None:
     """Find the time constant of a warm-up of one place; None of anything else."""
     if len(mechanism.terms) != 1 or len(mechanism.terms[0].screws) != 1:
         return None
-    match mechanism.terms[0].screws[0].cause:
-        case Applied("exp", Combined("/", clock, Number(minus))):
-            return -minus if clock.names() <= IN_TIME else None
-    return None
+    found = find_constant_of(mechanism.terms[0].screws[0].cause)
+    if found is None:
+        return None
+    _, constant = found
+    return constant
 
 
 def generate_finer_warm_ups(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:

@@ -127,7 +127,7 @@ def test_repeats_are_one_configuration_and_centres_are_limited(rng: np.random.Ge
 def test_what_was_tried_in_vain_rules_out_no_neighbour(rng: np.random.Generator) -> None:
     search = prepare(drawn("puma760", rng, 80), rng)
     first, second = rng.choice(np.flatnonzero(search.bumped == 2), 2, replace=False).tolist()
-    aside = np.append(search.set_aside(()), first)
+    aside = np.append(search.list_set_aside(()), first)
     log_probability = search.ask_rest(search.first).answer(aside).log_probability
     assert np.isneginf(log_probability[first])
     assert np.isfinite(log_probability[second])

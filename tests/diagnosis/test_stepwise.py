@@ -28,7 +28,7 @@ def test_what_is_beyond_chance_only_with_other_effects_is_not_added(
     monkeypatch.setattr(search, "compute_sign_p", lambda *given: 0.0)
     monkeypatch.setattr(stepwise, "MAX_EFFECTS", 1)
     question = search.ask_rest(search.first)
-    strongest = question.answer(search.set_aside(()))
+    strongest = question.answer(search.list_set_aside(()))
     own = compute_own_evidence(question, strongest, strongest.top)
     assert own < strongest.evidence
 
