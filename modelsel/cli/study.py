@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 from .._progress import show_progress
+from .._workers import COLLECT
 from ..exceptions import CHECK_FAILED, count_words
 from ._options import (
     amount_options,
@@ -31,10 +32,6 @@ if TYPE_CHECKING:
     from ..report.terminal import Amount
     from ..study.checkpoint import Checkpoint
     from ..study.result import Result
-
-# new objects between two runs of the garbage collector: a study makes many small objects and drops
-# few, and looking for lost ones at the usual rate costs a twentieth of its time
-COLLECT = 50_000
 
 
 @click.command("study")

@@ -22,6 +22,7 @@ from modelsel.mechanisms.registry import every  # noqa: E402
 pytestmark = pytest.mark.unit
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", list(priors.PRIORS))
 def test_every_prior_has_the_same_candidates_and_sums_to_one(
     words: str, rng: np.random.Generator

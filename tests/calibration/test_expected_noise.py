@@ -116,6 +116,7 @@ def test_what_a_row_expects_does_not_depend_on_the_other_rows(made) -> None:
     assert restored.held_out_model_mm == 0.3
 
 
+@pytest.mark.slow
 def test_uncertainty_at_held_out_rows_is_that_of_drawn_parameters(rng: np.random.Generator) -> None:
     """Predictions with parameters that are drawn from their covariance differ by it."""
     q = PUMA.draw(rng, 90)
@@ -141,7 +142,7 @@ def test_uncertainty_at_held_out_rows_is_that_of_drawn_parameters(rng: np.random
     assert c.held_out_model_mm == pytest.approx(np.sqrt(np.mean(squares)), rel=0.1)
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_errors_that_a_study_names_and_does_not_add_are_no_noise(rng: np.random.Generator) -> None:
     """With `candidates = []` the base leaves a joint's scale, which is found: the floor is beside it."""
     q = PUMA.draw(rng, 90)

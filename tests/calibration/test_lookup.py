@@ -124,6 +124,7 @@ def test_tables_cover_held_out_rows(rng, tmp_path) -> None:
     assert found == pytest.approx(compute_points(at, constant + varying), abs=1e-5)
 
 
+@pytest.mark.slow
 def test_covariates_that_begin_like_states_are_covariates(rng) -> None:
     """A speed of approach is no direction: -1, 0 and 1 are not its grid."""
     robot = load_robot("irb120")

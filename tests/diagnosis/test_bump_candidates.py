@@ -81,6 +81,7 @@ def test_a_dent_of_a_joint_is_found_where_it_is(rng: np.random.Generator) -> Non
     assert joints == [joint], found.path
 
 
+@pytest.mark.slow
 def test_a_model_has_one_bump_of_a_joint(rng: np.random.Generator) -> None:
     at = drawn("puma760", rng, 80)
     centre = float(np.median(at.data.q[:, 1]))

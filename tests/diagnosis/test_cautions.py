@@ -233,6 +233,7 @@ def test_the_verdict_says_where_the_nominal_parameters_are_to_be_kept(
     assert bool(advice) == bool(words)
 
 
+@pytest.mark.slow
 def test_a_study_whose_geometry_is_worse_says_so(tmp_path: Path, rng: np.random.Generator) -> None:
     """A perfect arm, fitted in one corner of its room and held out in another: the fit carries
     noise there."""

@@ -211,7 +211,7 @@ def test_a_name_that_its_own_set_does_not_hold_is_said_not_to_be_told_apart(
     assert told.entries[-1].probability < 1e-6
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(17, 18)
 def test_a_joint_that_turns_about_its_own_target_is_not_the_cause(rng: np.random.Generator) -> None:
     """With the target a hair off the last axis, a turn of that joint has the right shape and would
@@ -226,6 +226,7 @@ def test_a_joint_that_turns_about_its_own_target_is_not_the_cause(rng: np.random
     assert "7 ty sin(q6) & cos(q6)" in [m.name for m in listed]
 
 
+@pytest.mark.slow
 def test_beyond_a_shrunk_model_is_beyond_it_with_its_terms_integrated_out(
     rng: np.random.Generator,
 ) -> None:

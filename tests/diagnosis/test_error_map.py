@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from builders import drawn, seeds
 from searches import search_separated
 
@@ -12,6 +13,7 @@ from modelsel.fitting.design import Model
 from modelsel.mechanisms.registry import every, mechanism
 
 
+@pytest.mark.slow
 @seeds(1)
 def test_of_many_moments_of_a_step_the_map_shows_the_strongest(rng: np.random.Generator) -> None:
     at = drawn("puma760", rng, 60)

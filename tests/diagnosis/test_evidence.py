@@ -38,6 +38,7 @@ def seen_from_base(
     return build_scan(build_columns(at, found, fitted.at()), Q), found, r + rng.normal(size=len(r))
 
 
+@pytest.mark.slow
 @seeds(1, 2)
 @pytest.mark.parametrize(
     "m", [20, 80]
@@ -65,6 +66,7 @@ def test_the_null_leaves_out_no_ratio_that_matters(rng: np.random.Generator, m: 
     np.testing.assert_allclose(chance.share.whole, share.whole, rtol=1e-4, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_evidence_of_a_response_is_that_of_its_strengths(rng: np.random.Generator) -> None:
     """One response alone and among others; the ratio that maximises the sum; candidates that would
     be large have no part."""

@@ -17,7 +17,7 @@ from modelsel.robot.files import load_robot
 ARM = load_robot("ur5e")
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("joints", "names"),
     [

@@ -123,7 +123,7 @@ def diagnose(at: Problem) -> Diagnosis:
     return search_separated(at, base, build_candidates(at, base, every(at.robot)))
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(1, 2)
 @pytest.mark.parametrize("kind", PLANTS)
 def test_an_error_of_the_instrument_is_told(kind: str, rng: np.random.Generator) -> None:
@@ -137,7 +137,7 @@ def test_an_error_of_the_instrument_is_told(kind: str, rng: np.random.Generator)
     assert not [one for one in more if one.claim and one.claim.levels[-1] >= PROVEN]
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(1, 2, 3)
 def test_one_too_small_to_be_told_from_others_is_not(rng: np.random.Generator) -> None:
     """Whatever is named then: no false cause is claimed."""
@@ -152,7 +152,7 @@ def test_one_too_small_to_be_told_from_others_is_not(rng: np.random.Generator) -
         assert effect.candidate.label == name or not proven
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(1, 2, 3)
 def test_an_instrument_without_errors_is_told_of_none(rng: np.random.Generator) -> None:
     arm = load_robot(("ur5e", "irb120", "puma560")[int(rng.integers(3))])

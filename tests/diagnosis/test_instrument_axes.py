@@ -16,7 +16,7 @@ from modelsel.mechanisms.registry import every, mechanism
 from modelsel.robot.files import load_robot
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(1, 2)
 @pytest.mark.parametrize("name", ["ur5e", "puma760"])
 def test_an_instrument_that_skews_is_told(name: str, rng: np.random.Generator) -> None:

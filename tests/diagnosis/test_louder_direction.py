@@ -4,6 +4,7 @@ joint is blamed, and no row is an outlier for a loud coordinate."""
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from builders import OFF_AXIS, bind, seeds, small_arm
 from searches import diagnose_rows
 
@@ -28,6 +29,7 @@ def name(q: np.ndarray, position: np.ndarray) -> tuple[Split, Diagnosis]:
     return diagnose_rows(bind(ARM, build_measurements(q, position)))
 
 
+@pytest.mark.slow
 @seeds(1, 2, 3)
 def test_the_wave_is_named_and_the_noise_is_the_instrument_s(rng: np.random.Generator) -> None:
     split, diagnosis = name(*measure(rng))
@@ -38,6 +40,7 @@ def test_the_wave_is_named_and_the_noise_is_the_instrument_s(rng: np.random.Gene
     assert not split.outlying.any()
 
 
+@pytest.mark.slow
 def test_a_row_far_off_is_an_outlier_all_the_same(rng: np.random.Generator) -> None:
     q, position = measure(rng)
     row = int(rng.integers(len(q)))

@@ -4,6 +4,7 @@ else is, and no row is an outlier for being of that target."""
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from builders import OFF_AXIS, seeds, small_arm
 from searches import diagnose_rows
 
@@ -37,6 +38,7 @@ def name(q: np.ndarray, position: np.ndarray) -> tuple[Split, Diagnosis]:
     return diagnose_rows(Problem(ARM, data, TOOLS))
 
 
+@pytest.mark.slow
 @seeds(1, 2, 3)
 def test_the_wave_is_named_and_the_noise_is_the_target_s(rng: np.random.Generator) -> None:
     split, diagnosis = name(*measure(rng))
@@ -45,6 +47,7 @@ def test_the_wave_is_named_and_the_noise_is_the_target_s(rng: np.random.Generato
     assert not split.outlying.any()
 
 
+@pytest.mark.slow
 def test_a_row_far_off_is_an_outlier_all_the_same(rng: np.random.Generator) -> None:
     """At a quiet target by less than a usual row of the loud one is off."""
     q, position = measure(rng)

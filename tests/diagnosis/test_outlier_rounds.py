@@ -126,6 +126,7 @@ def propose(at: Problem, rows: list[int]) -> list[tuple[str, float]]:
     return [(step.label, at) for step, at in zip(steps, moments, strict=True)]
 
 
+@pytest.mark.slow
 @pytest.mark.unit
 def test_steps_are_proposed_where_a_run_begins_and_ends(rng: Rng) -> None:
     at = draw_slips(rng, (0, 30, 37))
@@ -136,6 +137,7 @@ def test_steps_are_proposed_where_a_run_begins_and_ends(rng: Rng) -> None:
     assert progress[108] < second[1] < progress[111]
 
 
+@pytest.mark.slow
 @pytest.mark.unit
 def test_a_run_to_the_end_needs_one_step(rng: Rng) -> None:
     at = draw_slips(rng, (2, 65, 70))

@@ -81,7 +81,7 @@ def find_cause(diagnosis: Diagnosis, label: str) -> Effect:
     return effect
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(1)
 @pytest.mark.parametrize("load", [AT_TARGET, ANYWHERE, EACH_AXIS])
 def test_a_flange_that_a_payload_turns_is_told(load: int, rng: np.random.Generator) -> None:
@@ -99,7 +99,7 @@ def test_a_flange_that_a_payload_turns_is_told(load: int, rng: np.random.Generat
         assert effect.estimate[0] == pytest.approx(size, abs=5 * effect.standard_error[0])
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(1)
 def test_the_end_of_a_link_that_is_at_the_flange_is_named_beside_it(
     rng: np.random.Generator,
@@ -116,7 +116,7 @@ def test_the_end_of_a_link_that_is_at_the_flange_is_named_beside_it(
     assert effect.claim.levels[LEVELS.index("cause")] < PROVEN
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(1, 2)
 def test_a_link_that_a_payload_bends_is_not_told_as_the_joint_at_its_end(
     rng: np.random.Generator,
@@ -132,7 +132,7 @@ def test_a_link_that_a_payload_bends_is_not_told_as_the_joint_at_its_end(
     assert effect.estimate[0] == pytest.approx(size, abs=5 * effect.standard_error[0])
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(1, 2)
 def test_a_joint_that_a_payload_winds_up_keeps_its_cause(rng: np.random.Generator) -> None:
     arm, q, payload = draw(rng)
@@ -145,7 +145,7 @@ def test_a_joint_that_a_payload_winds_up_keeps_its_cause(rng: np.random.Generato
     find_cause(diagnose(arm, q, shifted, payload), f"payload-deflection:{joint}")
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(1, 2)
 def test_a_target_that_falls_across_the_flange_is_told_with_its_direction(
     rng: np.random.Generator,

@@ -60,6 +60,7 @@ def test_only_what_cannot_matter_is_set_aside(rng: np.random.Generator) -> None:
     assert np.isneginf(factors[:, aside]).all()
 
 
+@pytest.mark.slow
 def test_beside_a_weak_effect_everything_may_matter(rng: np.random.Generator) -> None:
     search, view, g = search_with(rng, 3e-6)
     _, factors, full = name_again(search, view, g)

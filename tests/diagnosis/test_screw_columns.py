@@ -274,6 +274,7 @@ def test_products_do_not_depend_on_the_number_of_cores(
     assert np.array_equal(*results)
 
 
+@pytest.mark.slow
 @seeds(3, 4)
 def test_a_scan_without_an_effect_is_that_of_the_smaller_model(rng: np.random.Generator) -> None:
     """Giving directions back against projecting afresh: sizes, strengths and displacements."""
@@ -308,6 +309,7 @@ def test_a_scan_without_an_effect_is_that_of_the_smaller_model(rng: np.random.Ge
     assert a.dot(b) == pytest.approx(projected(100) @ projected(7), rel=1e-6, abs=1e-8)
 
 
+@pytest.mark.slow
 @seeds(5, 6)
 def test_the_evidence_of_chance_stays_below_its_bound(rng: np.random.Generator) -> None:
     """With candidates of every number of columns, signs and free functions, from noise to an effect

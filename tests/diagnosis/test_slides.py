@@ -63,7 +63,7 @@ def said(
     return diagnose_split(study_of(at), BASE, every(ARM), 1, cells=True)[1].effects
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("error", "across", "names", "words"),
     [
@@ -85,7 +85,7 @@ def test_one_cause_is_one_finding(error, across, names, words, rng) -> None:
     assert effect.named.verdict == "found"
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(1, 2, 3)
 def test_a_rail_that_is_not_straight_is_one_finding(rng: np.random.Generator) -> None:
     length, phase = rng.uniform(40, 200), rng.uniform(0, 2 * np.pi)

@@ -261,6 +261,7 @@ def list_steps_of_targets(at: Problem, estimation: np.ndarray) -> set[str]:
     return {m.name for m in placed if m.stem == "target-step"}
 
 
+@pytest.mark.slow
 @pytest.mark.unit
 def test_a_step_of_all_targets_is_one_of_those_that_were_fitted(rng: Rng) -> None:
     """With the third only held out, all of them were told to stand elsewhere."""
@@ -289,6 +290,7 @@ def test_one_target_has_the_candidates_that_it_had(rng: Rng) -> None:
     assert {m.name for m in placed} == {m.name for m in every(at.robot)}
 
 
+@pytest.mark.slow
 @pytest.mark.unit
 def test_targets_share_the_prior_of_one_name(rng: Rng) -> None:
     at, _, _ = draw_campaign(rng, [])

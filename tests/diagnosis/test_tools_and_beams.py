@@ -81,7 +81,7 @@ def diagnose_shifted(arm: Robot, rng: np.random.Generator, name: str, size: floa
     return search_separated(at, base, build_candidates(at, base, every(arm)))
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(1, 2)
 @pytest.mark.parametrize("name", [*TOOLS, "tracker-range"])
 def test_what_holds_and_what_sees_the_target_is_told(name: str, rng: np.random.Generator) -> None:
@@ -98,7 +98,7 @@ def test_what_holds_and_what_sees_the_target_is_told(name: str, rng: np.random.G
         assert effect.estimate[1] == pytest.approx(size / 3, abs=5 * effect.standard_error[1])
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(1, 2)
 def test_what_is_even_about_the_reference_temperature_is_found(rng: np.random.Generator) -> None:
     arm = load_robot(("ur5e", "irb120", "puma560")[int(rng.integers(3))])

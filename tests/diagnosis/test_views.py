@@ -40,7 +40,7 @@ def see_strength(view: views.View) -> Array:
     return view.scan.strength(view.response.column).whole[:, 0]
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @pytest.mark.parametrize("count", range(len(NAMES) + 1))
 def test_a_view_holds_all_columns_of_its_model(rng: np.random.Generator, count: int) -> None:
     search = search_drawn(rng, "geometric")

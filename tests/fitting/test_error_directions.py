@@ -66,6 +66,7 @@ def test_a_joint_that_does_not_repeat_lies_along_its_motion(rng: np.random.Gener
     assert find_joints(rng, rng.normal(0, 0.05, (80, 3)), readings) == {"joint 2"}
 
 
+@pytest.mark.slow
 @seeds(1)
 def test_loud_rows_are_rarely_a_joint(rng: np.random.Generator) -> None:
     """Ten joints of twenty campaigns may be told by chance at 1 % each: no more than a few are."""

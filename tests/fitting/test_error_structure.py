@@ -208,6 +208,7 @@ def share_and_last(rng: np.random.Generator, shared: float) -> Problem:
     return measured(at, at.data.position + 2 * SIGMA * errors.repeat(2, axis=0))
 
 
+@pytest.mark.slow
 def test_what_a_visit_shares_is_told_beside_what_lasts(rng: np.random.Generator) -> None:
     """Together they resemble one error that fades soon."""
     both = [set(structure_of(share_and_last(rng, 1.0)).names) for _ in range(10)]
@@ -216,6 +217,7 @@ def test_what_a_visit_shares_is_told_beside_what_lasts(rng: np.random.Generator)
     assert sum("configuration" in names for names in alone) <= 1
 
 
+@pytest.mark.slow
 def test_uneven_weights_are_not_taken_for_what_a_visit_shares(rng: np.random.Generator) -> None:
     """Where stated uncertainties are not right, noise alike in all rows gains more than anything
     that a visit shares."""
@@ -229,6 +231,7 @@ def test_uneven_weights_are_not_taken_for_what_a_visit_shares(rng: np.random.Gen
     assert told <= 1
 
 
+@pytest.mark.slow
 def test_beside_what_lasts_hardly_anything_is_told(rng: np.random.Generator) -> None:
     """Three joints and the instrument are tried at 1 % each: of 30 campaigns chance gives four or
     more another part in one of 50."""

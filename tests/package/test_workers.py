@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -10,7 +11,7 @@ import scipy.linalg  # noqa: F401  loads the second library that multiplies matr
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import modelsel as ms
-from modelsel._workers import steady_arithmetic
+from modelsel._workers import COLLECT, steady_arithmetic
 
 MANY = 3
 CALLS: dict[str, Callable[[], object]] = {
@@ -90,3 +91,22 @@ def test_the_last_that_ends_lifts_the_limit() -> None:
             assert count_threads() == {1}
         assert count_threads() == {1}
     assert count_threads() == {MANY}
+
+
+@pytest.fixture
+def _own_rate() -> Iterator[None]:
+    before = gc.get_threshold()
+    yield
+    gc.set_threshold(*before)
+
+
+@pytest.mark.usefixtures("_own_rate")
+@pytest.mark.parametrize("own", [0, 700, 10 * COLLECT])
+def test_lost_objects_are_not_looked_for_more_often_meanwhile(own) -> None:
+    """A program that never looks for them goes on so."""
+    gc.set_threshold(own, 9, 8)
+    with steady_arithmetic():
+        with steady_arithmetic():
+            assert gc.get_threshold() == (own and max(own, COLLECT), 9, 8)
+        assert gc.get_threshold() == (own and max(own, COLLECT), 9, 8)
+    assert gc.get_threshold() == (own, 9, 8)

@@ -92,6 +92,7 @@ def test_registered_per_group(rng) -> None:
     assert "in the tracker's frame (b): 100." in " ".join(describe_placements(placed))
 
 
+@pytest.mark.slow
 def test_not_registered_nothing_is_said(rng) -> None:
     result = run_study(study(rng, False, tool_mm=TOOL), sampling=False)
     assert "registration" not in result.record.to_dict()

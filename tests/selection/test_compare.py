@@ -134,7 +134,7 @@ def test_notes_go_by_the_weighted_errors_of_cross_validation(rng) -> None:
     assert not any("lowest CV" in row.note for row in table.best)
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(1, 2)
 def test_table(rng) -> None:
     """Rows are measured one linear step from the base's fit, which the exact fit bears out; the

@@ -118,6 +118,7 @@ def test_it_is_not_sampled_and_is_read_back(
     assert load_result(tmp_path).record == result.record
 
 
+@pytest.mark.slow
 def test_a_rehearsal_says_the_same_of_it(tmp_path: Path) -> None:
     _write(tmp_path, _exchange(np.random.default_rng()))
     rehearsed = rehearse_study(tmp_path)
@@ -125,6 +126,7 @@ def test_a_rehearsal_says_the_same_of_it(tmp_path: Path) -> None:
     assert any(one["code"] == "setup-mistake" for one in rehearsed["warnings"])
 
 
+@pytest.mark.slow
 def test_what_the_base_makes_up_for_is_searched(tmp_path: Path) -> None:
     _write(tmp_path, _offset(np.random.default_rng()))
     record = run_study(tmp_path, sampling=False).record

@@ -43,7 +43,7 @@ def run(held_out: list[int], rng: np.random.Generator) -> tuple[Result, list[str
     return result, told
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_rows_around_a_step_are_left_out_and_told(rng: np.random.Generator) -> None:
     around = [FIRST - 3, FIRST - 2, FIRST - 1]
     result, told = run([*range(5, 45, 4), *around, *range(60, 90, 4)], rng)
@@ -64,7 +64,7 @@ def test_rows_around_a_step_are_left_out_and_told(rng: np.random.Generator) -> N
     assert rows.index[rows["side_open"]].tolist() == around
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_where_all_rows_would_be_left_out_they_stay(rng: np.random.Generator) -> None:
     result, told = run([FIRST - 1], rng)
     assert [one.endswith("the held-out errors may be too large.") for one in told] == [True]

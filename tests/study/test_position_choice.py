@@ -82,6 +82,7 @@ def test_a_rotation_vector_is_no_position(count, rng, tmp_path) -> None:
     assert "Not sure" not in said
 
 
+@pytest.mark.slow
 def test_readings_that_a_study_would_refuse_are_no_alternative(rng, tmp_path) -> None:
     """A joint that turns the other way leaves the arm far off, but not as far as other columns."""
     table, _ = simulate(rng)

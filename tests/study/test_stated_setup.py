@@ -144,6 +144,7 @@ def test_init_warns_of_gravity_and_takes_another(tmp_path, monkeypatch) -> None:
     assert 'As given: q1_deg = "J1", q2_deg = "J2"' in mapped.stdout
 
 
+@pytest.mark.slow
 def test_gravity_is_not_questioned_where_the_arm_is_far_off(tmp_path, monkeypatch) -> None:
     """The zero of joint 5 is 40° off: first the mistake, then where the robot stands."""
     monkeypatch.chdir(tmp_path)
