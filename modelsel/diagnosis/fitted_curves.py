@@ -15,6 +15,8 @@ from ..mechanisms.terms import Term
 MAX_WAVES = 90
 NAMED_WAVES = 2
 MIN_WAVE_SHARE = 0.1
+# share of the whole curve's sum of squares that they must leave unexplained at most, or none is named
+MAX_REST = 0.5
 # turns from which a range of readings is none of a joint that turns, but a slide's, in mm
 MAX_TURNS = 10
 # points at which a curve is evaluated
@@ -66,26 +68,29 @@ def _draw_curve(terms: Sequence[Term], estimate: Array) -> tuple[Array, Array]:
 
 
 def find_waves(terms: Sequence[Term], estimate: Array) -> list[tuple[int, float]]:
-    """Find (waves per turn, amplitude) of the two strongest waves of a free function.
+    """Find (waves per turn, amplitude) of the two strongest waves of a free function that is mostly
+    these; nothing of any other, nor of a slide's readings.
 
-    They are found beyond a straight line, one after the other; none of a slide's readings.
-
-    A wave must repeat at least twice within the range, and explain a tenth of the rest."""
+    They are found beyond a straight line, one after the other. A wave must repeat at least twice
+    within the range, and explain a tenth of the rest."""
     grid, curve = _draw_curve(terms, estimate)
     turns = float(np.ptp(grid)) / (2 * np.pi)
     if not 0 < turns <= MAX_TURNS:
         return []
     fewest = max(1, int(np.ceil(2 / turns)))
     waves: list[tuple[int, float]] = []
+    whole = curve - curve.mean()
+    rest = whole
     for _ in range(NAMED_WAVES):
-        before = _fit_waves(grid, curve, 0)[0]
-        fits = [(*_fit_waves(grid, curve, k), k) for k in range(fewest, MAX_WAVES + 1)]
+        before = _fit_waves(grid, rest, 0)[0]
+        fits = [(*_fit_waves(grid, rest, k), k) for k in range(fewest, MAX_WAVES + 1)]
         left, beta, count = min(fits, key=lambda fitted: fitted[0])
         if before == 0 or left > (1 - MIN_WAVE_SHARE) * before:
             break
         waves.append((count, float(np.hypot(*beta[2:]))))
-        curve = curve - np.column_stack([np.sin(count * grid), np.cos(count * grid)]) @ beta[2:]
-    return waves
+        rest = rest - np.column_stack([np.sin(count * grid), np.cos(count * grid)]) @ beta[2:]
+    # waves of a few turns follow part of any smooth curve
+    return waves if rest @ rest < MAX_REST * (whole @ whole) else []
 
 
 def _fit_waves(grid: Array, curve: Array, count: int) -> tuple[float, Array]:

@@ -370,9 +370,15 @@ def list_widths(robot: Robot, joint: int) -> Mapping[int, None]:
 
 
 def covariate_unit(name: str) -> str:
-    """Return the unit of a covariate by the last part of its name: temperature_C -> "°C",
-    payload_kg -> "kg"; else the name itself."""
-    _, separator, suffix = name.rpartition("_")
-    if not separator:
-        return name
-    return COVARIATE_UNITS.get(suffix, name)
+    """Return the unit of a covariate by the end of its name: temperature_C -> "°C", payload_kg ->
+    "kg", speed_mm_per_s -> "mm/s"; else the name itself."""
+    counted, rate, of = name.rpartition("_per_")
+    ends = (counted, f"_{of}") if rate else (name,)
+    units = []
+    for end in ends:
+        _, separator, suffix = end.rpartition("_")
+        unit = COVARIATE_UNITS.get(suffix) if separator else None
+        if unit is None:
+            return name
+        units.append(unit)
+    return "/".join(units)

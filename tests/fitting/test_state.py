@@ -13,7 +13,12 @@ from modelsel.exceptions import StudyError
 from modelsel.fitting.design import residuals
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import Orientation, build_measurements
-from modelsel.measurements.state_names import is_state_name, parse_state_name, state_units
+from modelsel.measurements.state_names import (
+    covariate_unit,
+    is_state_name,
+    parse_state_name,
+    state_units,
+)
 from modelsel.mechanisms.causes import Named, q, torque
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import pose
@@ -130,3 +135,20 @@ def test_a_problem_needs_the_robot_the_measurements_and_the_tools(rng) -> None:
     assert residuals(problem).shape == (12, 6)
     with pytest.raises(ValueError, match="expected \\(3, 3\\)"):
         Problem(robot, data, tools=np.zeros((2, 3)))
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("temperature_C", "°C"),
+        ("flow_l", "flow_l"),
+        ("kg", "kg"),
+        ("qd3_rad_per_s", "rad/s"),
+        ("speed_mm_per_s", "mm/s"),
+        ("pumped_l_per_s", "pumped_l_per_s"),
+        ("turns_per_s", "turns_per_s"),
+        ("rad_per_s", "rad_per_s"),
+    ],
+)
+def test_a_covariate_has_the_unit_at_its_end(name, unit) -> None:
+    assert covariate_unit(name) == unit

@@ -99,6 +99,18 @@ def test_a_slide_has_no_waves_a_turn() -> None:
     assert find_waves(turning, values)
 
 
+@pytest.mark.parametrize("bow", [0.0, 3.0])
+def test_a_curve_that_is_mostly_something_else_has_no_waves(bow) -> None:
+    """Waves of a few turns follow a part of any smooth curve."""
+    width = 0.1
+    centres = np.arange(-1.5, 1.51, width)
+    terms = [Term(f"f{k}", (Screw(2, "rz", Bump("q2", c, width)),)) for k, c in enumerate(centres)]
+    values = 1e-4 * (np.sin(12 * centres) + bow * centres**2)
+    told = describe_amount(terms, values, np.full(len(terms), 1e-7))
+    assert ("mostly" in told) == (not bow)
+    assert ("in 12 waves a turn" in told) == (not bow)
+
+
 def test_terms_of_one_kind_share_a_unit() -> None:
     terms = [Term(name, (Screw(2, "rz"),)) for name in ("c2", "m2")]
     told = describe_amount(terms, np.array([3e-5, 1.23e-7]), np.array([1e-6, 1.46e-7]))
