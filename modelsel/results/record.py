@@ -16,7 +16,7 @@ from ..diagnosis.candidates import Candidate
 from ..diagnosis.claim_sentences import is_settled, list_likelier, tell_rest
 from ..diagnosis.effects import Effect
 from ..diagnosis.rival_names import NAMED_RIVALS, list_rival_labels, list_twin_labels
-from ..diagnosis.sentences import label_effect, say_shape
+from ..diagnosis.sentences import label_effect, say_shape, weigh_listed
 from ..diagnosis.signatures import PROVEN
 from ..measurements.measurements import Measurements
 from ..mechanisms.terms import Mechanism
@@ -43,6 +43,9 @@ from .unstated_gears import find_unstated_gears
 from .verdict import Named, NamedErrors, Noise, complete_verdict, write_verdict
 
 Values = dict[str, Any]
+
+# least probability of what the verdict lists besides a name
+MIN_RIVAL = 0.05
 
 
 def record_run(run: StudyRun) -> StudyRecord:
@@ -159,14 +162,18 @@ def collect_named(diagnosis: Explanation, figures: FindingFigures) -> list[Named
 def _list_rivals(effect: Effect) -> tuple[str, ...]:
     """List what else a finding could be, but not other names of one displacement, and, where the place is proven,
     not other places of one motion: a shift along one axis of a frame and along another frame's may be the
-    same. What is less probable than all that is not listed gives way to that."""
+    same. What is less probable than all that is not listed gives way to that, and what is hardly possible is
+    left out."""
     candidate = effect.candidate
     left_out = list_twin_labels(effect)
     claim = effect.claim
     is_place_proven = claim is None or claim.levels[0] >= PROVEN
     if is_place_proven and not candidate.registered:
         left_out += _list_same_motions(effect)
+    scale = weigh_listed(effect)
+    weights = effect.named.sum_by_label()
     labels = list_rival_labels(effect)
+    left_out += [label for label in labels if scale * weights[label] < MIN_RIVAL]
     rivals = [label for label in labels if label not in left_out]
     shown = rivals[:NAMED_RIVALS]
     told = tell_rest(effect, shown)

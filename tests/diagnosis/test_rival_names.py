@@ -80,3 +80,9 @@ def test_what_is_not_listed_stands_in_place_of_what_is_less_probable() -> None:
     assert tell_rest(effect(*listed, place=0.31), labels) == ["something else"]
     listed = list(zip(joints, (0.4, 0.3, 0.2), strict=True))
     assert tell_rest(effect(*listed, place=0.4), labels) == labels
+
+
+def test_the_verdict_lists_nothing_that_is_hardly_possible() -> None:
+    scales = [mechanism(f"encoder-scale:{joint}", ARM) for joint in (1, 2, 3)]
+    listed = zip(scales, (0.6, 0.33, 0.02), strict=True)
+    assert _list_rivals(effect(*listed)) == ("encoder-scale:2",)
