@@ -14,7 +14,8 @@ from ..fitting.problem import Problem
 from ..mechanisms.drives import WAVES
 from ..mechanisms.terms import Mechanism
 from .simple_shapes import find_own_wave
-from .unregistered import BETWEEN, PITCHES, build_pitch_wave, build_wave
+from .slide_waves import PITCHES, build_pitch_wave
+from .unregistered import BETWEEN, build_wave
 
 # how far apart the offered waves stand: in a turn of a joint, over the travel of a slide
 QUARTER = BETWEEN[1] - BETWEEN[0]

@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 
 from .._typing import Array
-from ..exceptions import write_rounded
 from ..fitting.problem import Problem
 from ..measurements.reference_temperature import TEMPERATURE
 from ..measurements.state_names import parse_state_name
@@ -27,6 +26,7 @@ from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
 from .candidate_kinds import CandidateKind
 from .distinct_places import Place, find_frames
+from .slide_waves import generate_pitch_waves
 
 Causes = tuple[Cause, ...]
 
@@ -40,11 +40,6 @@ MIN_RANGE = np.radians(20.0)
 MIN_INTERVALS, MIN_READINGS = 4, 2
 # waves a turn that are no whole numbers: a gear ahead of the joint need not close
 BETWEEN = tuple(k + part for k in range(3, 60) for part in (0.25, 0.5, 0.75))
-# waves over a slide's travel
-PITCHES = tuple(k / 8 for k in range(4, 481))
-# the same across the slide: less than one is its bow
-CROOKED = tuple(count for count in PITCHES if 1 <= count <= 30)
-SLIDE_AXES = {"tz": PITCHES, "tx": CROOKED, "ty": CROOKED}
 # prior weight of rarer explanations (waves between whole numbers, free functions); a cell has 1
 RARE_WEIGHT = 0.1
 # time constants of a warm-up, in shares of the campaign
@@ -65,7 +60,8 @@ def generate_unregistered(problem: Problem, adjacent_only: bool) -> Iterator[Unr
     With `adjacent_only`, the error map is restricted to causes of joints at or next to the place."""
     yield from _generate_cells(problem, adjacent_only)
     yield from build_waves(problem.robot)
-    yield from build_pitch_waves(problem)
+    for wave, weight in generate_pitch_waves(problem):
+        yield Unregistered(wave, CandidateKind.SLIDE_WAVE, weight)
     for function in build_free_functions(problem):
         yield Unregistered(function, CandidateKind.FREE_FUNCTION, RARE_WEIGHT)
 
@@ -306,47 +302,6 @@ def build_wave(joint: int, count: float) -> Mechanism:
         sentence=f"Joint {joint} turns unevenly, {count:g} waves a turn",
         usual_causes=RIPPLING_PARTS,
     )
-
-
-def build_pitch_waves(problem: Problem) -> Iterator[Unregistered]:
-    """Generate waves of every slide's own reading, half to 60 over the measured travel.
-
-    They stand for a screw's pitch, a rack's teeth, a scale's joints; across the slide, one to 30 stand
-    for a rail that is not straight.
-
-    The travel is no multiple of their length, so that eighths of a wave are offered, with an eighth
-    of the weight each."""
-    for j in _sliding_joints(problem.robot):
-        readings = problem.data.q[:, j - 1]
-        travel = float(np.ptp(readings))
-        if travel <= 0:
-            continue
-        for axis, counts in SLIDE_AXES.items():
-            for count in counts:
-                yield Unregistered(
-                    mechanism=build_pitch_wave(j, count, travel, axis),
-                    kind=CandidateKind.SLIDE_WAVE,
-                    weight=1 / 8,
-                )
-
-
-def build_pitch_wave(joint: int, count: float, travel: float, axis: str = "tz") -> Mechanism:
-    """Build a wave of a slide's own reading, `count` over its measured `travel` [mm], along the slide
-    or, by another axis, across it."""
-    factor = float(f"{2 * np.pi * count / travel:.6g}")
-    angle = factor * q(joint, "mm")
-    sine = Screw(joint, axis, sin(angle))
-    cosine = Screw(joint, axis, cos(angle))
-    terms = (Term("ms", (sine,)), Term("mc", (cosine,)))
-    length = travel / count
-    every = f"a wave every {write_rounded(length)} mm"
-    sentence = f"Joint {joint} slides unevenly, {every}"
-    causes: tuple[str, ...] = ("pitch of the screw", "teeth of the rack", "joints of the scale")
-    if axis != "tz":
-        sentence = f"Joint {joint} does not slide straight: {every} along the {axis[1]} axis of frame {joint}"
-        causes = ("rail that is bent", "joints or bolts of the rail")
-    name = f"{joint} {axis} wave of q{joint} every {length:.5g} mm"
-    return Mechanism(name, terms, sentence, usual_causes=causes)
 
 
 def build_free_functions(problem: Problem) -> Iterator[Mechanism]:

@@ -19,8 +19,9 @@ from modelsel.diagnosis.simple_shapes import (
     generate_pulls,
     generate_saws,
 )
+from modelsel.diagnosis.slide_waves import build_pitch_wave
 from modelsel.diagnosis.unlisted_shapes import UNLISTED_ODDS, list_rivals
-from modelsel.diagnosis.unregistered import Unregistered, build_cell, build_pitch_wave, build_wave
+from modelsel.diagnosis.unregistered import Unregistered, build_cell, build_wave
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import Applied, Named, cos, q, sin

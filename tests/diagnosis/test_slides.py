@@ -20,7 +20,7 @@ from modelsel.diagnosis.candidates import Candidate, build_candidates
 from modelsel.diagnosis.effects import Effect
 from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.diagnosis.sentences import describe_candidate
-from modelsel.diagnosis.unregistered import PITCHES, build_pitch_wave
+from modelsel.diagnosis.slide_waves import PITCHES, build_pitch_wave
 from modelsel.fitting.design import Model
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import every, mechanism
@@ -99,6 +99,23 @@ def test_a_rail_that_is_not_straight_is_one_finding(rng: np.random.Generator) ->
         r"Joint 3 does not slide straight: a wave every (\S+) mm along the x axis of frame 3", told
     )
     assert float(found) == pytest.approx(length, rel=0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lead", [2.5, np.pi])
+def test_a_usual_screw_or_rack_of_many_turns_is_found(lead, rng) -> None:
+    """Over the travel there are more waves of it than are looked for one by one."""
+    travel = np.ptp(ARM.draw(rng, 90)[:, 2])
+    assert travel / lead > PITCHES[-1]
+    phase = rng.uniform(0, 2 * np.pi)
+
+    def wave(q: Array, warm: Array) -> Array:
+        return np.asarray(0.12 * np.sin(2 * np.pi * q[:, 2] / lead + phase))
+
+    (effect,) = said(rng, wave)
+    told = describe_candidate(effect.candidate, effect.estimate)
+    (found,) = re.findall(r"Joint 3 slides unevenly, a wave every (\S+) mm", told)
+    assert float(found) == pytest.approx(lead, rel=0.005)
 
 
 def test_waves_of_a_slide_are_finer_than_its_travel_tells_apart() -> None:
