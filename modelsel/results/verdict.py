@@ -260,13 +260,16 @@ def _describe_settled(settled: Sequence[Named]) -> list[str]:
 
 
 def _begin_found(found: Sequence[Named], is_more: bool) -> str:
-    """Begin a sentence on what was found; `is_more`: after others."""
+    """Begin a sentence on what was found, or may be there where all of it is doubtful; `is_more`:
+    after others."""
     count = len(found)
     what = "error beyond the base" if count == 1 else "errors beyond the base"
     if is_more:
         what = "more"
-    verb = "was" if count == 1 else "were"
-    return f"{write_number(count)} {what} {verb} found"
+    verb = "was found" if count == 1 else "were found"
+    if all(one.doubtful for one in found):
+        verb = "may be there"
+    return f"{write_number(count)} {what} {verb}"
 
 
 def _describe_unsettled(named: Sequence[Named], is_more: bool) -> list[str]:

@@ -149,6 +149,16 @@ def test_bad_news_is_said(gain, words) -> None:
             "Two errors beyond the base were found whose causes are not known to any registered mechanism: a; b (doubtful).",
         ),
         (
+            [("a", False, True, True, ("b",))],
+            "all",
+            "One error beyond the base may be there, but its cause is not proven: it is best described by a or b (doubtful).",
+        ),
+        (
+            [("a", True), ("b", True, True, True, (), (), False)],
+            "all",
+            "One error beyond the base was named: a. One more may be there whose cause is not known to any registered mechanism: b (doubtful).",
+        ),
+        (
             [("a", True)],
             ["a", "b"],
             "One error beyond the base was named: a. Only a and b could be named: no other cause was considered, and an error that has one may seem not to repeat.",
