@@ -105,6 +105,13 @@ def nearest_rotation(A: Array) -> Array:
     return np.asarray(nearest)
 
 
+def tidy_rotations(R: Array) -> Array:
+    """Take the rounding errors out of rotations (..., 3, 3), such as products of rotations: one step
+    of Newton's method for the nearest rotation, whose error is the square of what is off."""
+    squared = np.swapaxes(R, -1, -2) @ R
+    return np.asarray(R @ (1.5 * np.eye(3) - 0.5 * squared))
+
+
 def from_rotation_vector(vector: Array) -> Array:
     """Convert rotation vectors (..., 3) [rad], axis times angle, to rotations (..., 3, 3).
 

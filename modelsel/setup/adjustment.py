@@ -1,16 +1,18 @@
 """Robust adjustment of tracker placements and targets together: exact minimisation from a start.
 
 A Levenberg-Marquardt minimisation with a redescending loss (Geman & McClure 1985) and the prior of
-the targets; the last fit is of the rows that are not gross, by least squares."""
+the targets; the last fit is of the rows that are not gross, by least squares. Many starts of the
+same groups and targets are minimised together, along a leading axis (`stack_sights`)."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from .._typing import Array, Index, Mask
-from ..robot.rigid import from_rotation_vector, nearest_rotation
+from ..robot.rigid import from_rotation_vector, tidy_rotations
 from .minimisation import COARSE, CONVERGED, minimise
 from .placement import (
     LEVER_MM,
@@ -22,6 +24,7 @@ from .placement import (
     compute_misfits,
     compute_residuals,
     compute_trimmed_median,
+    put_in_places,
 )
 from .robust_weights import compute_redescending_loss
 
@@ -33,29 +36,18 @@ STALLED = 0.99
 
 
 def cross_matrices(v: Array) -> Array:
-    """Build (m, 3, 3) matrices with cross_matrices(v) w = v x w, for v (m, 3)."""
-    matrix = np.zeros((len(v), 3, 3))
-    matrix[:, 0, 1] = -v[:, 2]
-    matrix[:, 0, 2] = v[:, 1]
-    matrix[:, 1, 2] = -v[:, 0]
-    return matrix - matrix.transpose(0, 2, 1)
-
-
-def compute_turning_point(sight: Sight, at: Placed, group: int) -> Array:
-    """Compute (3,) the middle of a group's points, about which it is turned, from its placement's
-    shift, in the tracker's axes [mm]."""
-    middle = sight.middles[group]
-    shift = at.t[group]
-    from_shift = middle - shift
-    return np.asarray(from_shift)
+    """Build (..., 3, 3) matrices with cross_matrices(v) w = v x w, for v (..., 3)."""
+    matrix = np.zeros((*v.shape, 3))
+    matrix[..., 0, 1] = -v[..., 2]
+    matrix[..., 0, 2] = v[..., 1]
+    matrix[..., 1, 2] = -v[..., 0]
+    return matrix - np.swapaxes(matrix, -1, -2)
 
 
 def _columns_of(sight: Sight, with_turns: bool, group: int, target: int) -> Index:
     """Index the unknowns that rows of a group and a target depend on."""
-    G = sight.groups
-    T = len(sight.usual)
-    first_target = 6 * G
-    first_turn = first_target + 3 * T
+    first_target = 6 * sight.groups
+    first_turn = first_target + 3 * sight.targets
     coordinates = 3 * target + np.arange(3)
     of_group = 6 * group + np.arange(6)
     of_target = first_target + coordinates
@@ -66,174 +58,208 @@ def _columns_of(sight: Sight, with_turns: bool, group: int, target: int) -> Inde
     return np.concatenate(columns)
 
 
-def normal_equations(sight: Sight, at: Placed, weight: Array) -> tuple[Array, Array]:
-    """Compute (H (p, p), g (p,)) of the weighted squares of the residuals.
+def normal_equations(
+    sight: Sight, at: Placed, residuals: Array, weight: Array
+) -> tuple[Array, Array]:
+    """Compute (H (..., p, p), g (..., p)) of the weighted squares of the residuals, for weights
+    (..., m).
 
     The unknowns are small turns and shifts of every group (6 G, about the median of its points),
     shifts of every target (3 T) and, with orientations, turns of it (3 T)."""
-    residuals = compute_residuals(sight, at)
     with_turns = at.turned is not None and sight.seen is not None
     per_target = 6 if with_turns else 3
-    unknowns = 6 * sight.groups + per_target * len(at.tools)
-    H = np.zeros((unknowns, unknowns))
-    g = np.zeros(unknowns)
+    unknowns = 6 * sight.groups + per_target * sight.targets
+    stack = residuals.shape[:-2]
+    H = np.zeros((*stack, unknowns, unknowns))
+    g = np.zeros((*stack, unknowns))
     for group, target, rows in sight.pairs:
-        J = _compute_jacobian(sight, at, group, target, rows, with_turns)
-        of_rows = np.sqrt(weight[rows])
-        root = of_rows[:, None]
-        A = J * root[:, :, None]
-        A = A.reshape(-1, J.shape[2])
-        b = residuals[rows] * root
+        J = _compute_jacobian(sight, at, residuals, group, rows)
+        of_rows = np.sqrt(weight[..., rows])
+        root = of_rows[..., None]
+        A = J * root[..., None]
+        A = A.reshape(*stack, -1, J.shape[-1])
+        b = residuals[..., rows, :] * root
         own = _columns_of(sight, with_turns, group, target)
-        block = np.ix_(own, own)
-        H[block] += A.T @ A
-        g[own] += A.T @ b.ravel()
+        across = np.swapaxes(A, -1, -2)
+        H[..., own[:, None], own] += across @ A
+        projected = across @ b.reshape(*stack, -1, 1)
+        g[..., own] += projected[..., 0]
     return H, g
 
 
 def _compute_jacobian(
-    sight: Sight, at: Placed, group: int, target: int, rows: Index, with_turns: bool
+    sight: Sight, at: Placed, residuals: Array, group: int, rows: Index
 ) -> Array:
-    """Compute (k, 3 or 6, 9 or 12) changes of the predictions of rows of one group and target."""
-    R = at.R[group]
-    RF = R @ sight.F[rows]
-    on_flange = RF @ at.tools[target]
-    from_origin = sight.o[rows] @ R.T
-    arm = on_flange + from_origin
-    turning_point = compute_turning_point(sight, at, group)
-    lever = arm - turning_point
-    residuals = 6 if with_turns else 3
-    unknowns = 12 if with_turns else 9
-    count = len(rows)
-    J = np.zeros((count, residuals, unknowns))
-    J[:, :3, :3] = -cross_matrices(lever)
-    J[:, :3, 3:6] = np.eye(3)
-    J[:, :3, 6:9] = RF
-    if with_turns:
+    """Compute (..., k, 3 or 6, 9 or 12) changes of the predictions of rows of one group and
+    target."""
+    R = at.R[..., group, None, :, :]
+    RF = R @ sight.F[..., rows, :, :]
+    measured = sight.x[..., rows, :]
+    predicted = measured - residuals[..., rows, :3]
+    lever = predicted - sight.middles[..., group, None, :]
+    of_row = residuals.shape[-1]
+    unknowns = 12 if of_row > 3 else 9
+    J = np.zeros((*lever.shape[:-1], of_row, unknowns))
+    J[..., :3, :3] = -cross_matrices(lever)
+    J[..., :3, 3:6] = np.eye(3)
+    J[..., :3, 6:9] = RF
+    if of_row > 3:
         identity = np.eye(3)
-        J[:, 3:, :3] = LEVER_MM * identity
-        J[:, 3:, 9:] = LEVER_MM * RF
+        J[..., 3:, :3] = LEVER_MM * identity
+        J[..., 3:, 9:] = LEVER_MM * RF
     return J
 
 
 def _take_step(sight: Sight, at: Placed, step: Array) -> Placed:
-    """Take a step (p,) of the unknowns of `normal_equations`."""
+    """Take a step (..., p) of the unknowns of `normal_equations`."""
     G = sight.groups
-    T = len(at.tools)
     first_tool = 6 * G
-    first_turn = first_tool + 3 * T
-    of_groups = step[:first_tool].reshape(G, 6)
-    of_tools = step[first_tool:first_turn]
-    of_turns = step[first_turn:].reshape(-1, 3)
-    turn = of_groups[:, :3]
-    shift = of_groups[:, 3:]
+    first_turn = first_tool + 3 * sight.targets
+    stack = step.shape[:-1]
+    of_groups = step[..., :first_tool].reshape(*stack, G, 6)
+    of_tools = step[..., first_tool:first_turn].reshape(at.tools.shape)
+    turn = of_groups[..., :3]
+    shift = of_groups[..., 3:]
     W = from_rotation_vector(turn)
-    turning_points = []
-    for g in range(G):
-        turning_point = compute_turning_point(sight, at, g)
-        turning_points.append(turning_point)
-    middle = np.array(turning_points)
-    turned_middle = np.einsum("gij,gj->gi", W, middle)
-    products = W @ at.R
-    R = [nearest_rotation(product) for product in products]
+    # a group is turned about the middle of its points, here from the placement's shift
+    middle = sight.middles - at.t
+    turned_middle = np.einsum("...ij,...j->...i", W, middle)
     turned = at.turned
-    if turned is not None and len(of_turns):
+    if turned is not None and step.shape[-1] > first_turn:
+        of_turns = step[..., first_turn:].reshape(at.tools.shape)
         turned = from_rotation_vector(of_turns) @ turned
-    return replace(
-        at,
-        R=np.stack(R),
+    return Placed(
+        R=tidy_rotations(W @ at.R),
         t=at.t + shift + middle - turned_middle,
-        tools=at.tools + of_tools.reshape(T, 3),
+        tools=at.tools + of_tools,
         turned=turned,
     )
 
 
-class _Objective:
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """Placements and the residuals (k, m, 3 or 6) that they leave."""
+
+    at: Placed
+    residuals: Array
+
+    def take(self, which: Index) -> _Trial:
+        """Select some of them."""
+        return _Trial(self.at.take(which), self.residuals[which])
+
+    def put(self, which: Index, others: _Trial) -> _Trial:
+        """Return these with others in some places."""
+        residuals = put_in_places(self.residuals, which, others.residuals)
+        return _Trial(self.at.put(which, others.at), residuals)
+
+
+@dataclass(frozen=True, eq=False)
+class _Loss:
     """The loss of placements and targets, for the minimisation.
 
-    `scale` [mm]: of the redescending loss, or None for plain squares with the row weights `weight`
-    (m,); `sigma` [mm]: standard deviation of one coordinate, against which the prior of the targets
-    is weighed."""
+    `scale` (k,) [mm]: of the redescending loss, or None for plain squares with the row weights
+    `weight` (k, m); `sigma` (k,) [mm]: standard deviation of one coordinate, against which the prior
+    of the targets is weighed."""
 
-    def __init__(self, sight: Sight, scale: float | None, weight: Array, sigma: float):
-        self.sight = sight
-        self.scale = scale
-        self.weight = weight
-        ratio = sigma / sight.prior_sigma
-        of_targets = ratio**2
-        self.prior = np.repeat(of_targets, 3)
+    sight: Sight
+    scale: Array | None
+    weight: Array
+    sigma: Array
 
-    def cost(self, at: Placed) -> float:
+    def take(self, which: Index) -> _Loss:
+        """Select the loss of some of the placements."""
+        scale = None if self.scale is None else self.scale[which]
+        return _Loss(self.sight.pick(which), scale, self.weight[which], self.sigma[which])
+
+    @cached_property
+    def prior(self) -> Array:
+        """(k, 3 T) weights of the squared offsets of the targets."""
+        ratio = self.sigma[:, None, None] / self.sight.prior_sigma
+        of_targets = ratio[:, :, 0] ** 2
+        return np.repeat(of_targets, 3, axis=1)
+
+    def cost(self, trial: _Trial) -> Array:
         """Compute the loss and the prior's squares."""
-        residuals = compute_residuals(self.sight, at)
-        square = np.square(residuals).sum(1)
+        loss, _ = self._weigh(trial)
+        squared_offset = self._offset(trial) ** 2
+        penalty = self.prior * squared_offset
+        total = loss.sum(1) + penalty.sum(1)
+        return np.asarray(total)
+
+    def _weigh(self, trial: _Trial) -> tuple[Array, Array]:
+        """Compute the losses and the weights (k, m) of the rows."""
+        square = np.square(trial.residuals).sum(2)
         if self.scale is None:
-            loss = self.weight * square
-        else:
-            loss, _ = compute_redescending_loss(square, self.scale)
-        offset = self._offset(at)
-        squared_offset = offset**2
-        penalty = self.prior @ squared_offset
-        total = loss.sum() + penalty
-        return float(total)
+            return self.weight * square, self.weight
+        return compute_redescending_loss(square, self.scale[:, None])
 
-    def _offset(self, at: Placed) -> Array:
-        """Compute (3 T,) offsets of the targets from where they are expected [mm]."""
-        expected = self.sight.usual
-        offset = at.tools - expected
-        return offset.ravel()
+    def _offset(self, trial: _Trial) -> Array:
+        """Compute (k, 3 T) offsets of the targets from where they are expected [mm]."""
+        offset = trial.at.tools - self.sight.usual
+        return offset.reshape(len(offset), -1)
 
-    def equations(self, at: Placed) -> tuple[Array, Array]:
+    def equations(self, trial: _Trial) -> tuple[Array, Array]:
         """Compute the normal equations of a step."""
-        sight = self.sight
-        weight = self.weight
-        if self.scale is not None:
-            residuals = compute_residuals(sight, at)
-            square = np.square(residuals).sum(1)
-            _, weight = compute_redescending_loss(square, self.scale)
-        H, g = normal_equations(sight, at, weight)
-        count = len(self.prior)
-        tools = 6 * sight.groups + np.arange(count)
-        H[tools, tools] += self.prior
-        offset = self._offset(at)
-        g[tools] -= self.prior * offset
+        _, weight = self._weigh(trial)
+        H, g = normal_equations(self.sight, trial.at, trial.residuals, weight)
+        prior = self.prior
+        tools = 6 * self.sight.groups + np.arange(prior.shape[1])
+        H[:, tools, tools] += prior
+        g[:, tools] -= prior * self._offset(trial)
         return H, g
 
+    def move(self, trial: _Trial, steps: Array) -> _Trial:
+        """Take a step of every placement."""
+        return self.try_out(_take_step(self.sight, trial.at, steps))
+
+    def try_out(self, at: Placed) -> _Trial:
+        """Compute what placements leave."""
+        return _Trial(at, compute_residuals(self.sight, at))
+
     def minimise(self, at: Placed, tolerance: float) -> Placed:
-        """Minimise from a start."""
-
-        def move(placed: Placed, step: Array) -> Placed:
-            return _take_step(self.sight, placed, step)
-
-        return minimise(at, self.cost, self.equations, move, tolerance)
+        """Minimise from every start."""
+        return minimise(self.try_out(at), self, tolerance).at
 
 
 def refine_robustly(sight: Sight, at: Placed) -> Placed:
-    """Minimise the redescending loss from a start, its scale taken anew from the median."""
-    before = np.inf
-    ones = np.ones(len(sight.x))
+    """Minimise the redescending loss from every start, each with its own of the sights; its scale is
+    taken anew from the median."""
+    count = len(sight.x)
+    which = np.arange(count)
+    before = np.full(count, np.inf)
     for _ in range(MAX_ROUNDS):
-        misfits = compute_misfits(sight, at)
-        median = float(compute_trimmed_median(misfits, sight.unknowns))
-        if median > STALLED * before:
+        of_these = sight.pick(which)
+        starts = at.take(which)
+        misfits = compute_misfits(of_these, starts)
+        median = compute_trimmed_median(misfits, sight.unknowns)
+        goes_on = median <= STALLED * before[which]
+        if not goes_on.any():
             break
-        before = median
-        sigma = median / MEDIAN_3
-        objective = _Objective(sight, scale=LOSS * median, weight=ones, sigma=sigma)
-        at = objective.minimise(at, COARSE)
+        going = np.flatnonzero(goes_on)
+        which = which[going]
+        median = median[going]
+        before[which] = median
+        loss = _Loss(
+            of_these.pick(going),
+            scale=LOSS * median,
+            weight=np.ones((len(which), sight.x.shape[1])),
+            sigma=median / MEDIAN_3,
+        )
+        refined = loss.minimise(starts.take(going), COARSE)
+        at = at.put(which, refined)
     return at
 
 
 def refine_without_gross_rows(sight: Sight, at: Placed) -> tuple[Placed, Mask]:
-    """Fit the rows that are not gross by least squares: (placement, mask of these rows)."""
-    good = np.ones(len(sight.x), bool)
+    """Fit the rows that are not gross by least squares, for every placement of many sights:
+    (placements, mask (k, m) of these rows)."""
+    good = np.ones(sight.x.shape[:2], bool)
     for _ in range(GROSS_ROUNDS):
         misfits = compute_misfits(sight, at)
-        median = float(compute_trimmed_median(misfits, sight.unknowns))
+        median = compute_trimmed_median(misfits, sight.unknowns)
         limit = GROSS * median
-        good = misfits <= limit
+        good = misfits <= limit[:, None]
         weight = good.astype(float)
-        sigma = median / MEDIAN_3
-        objective = _Objective(sight, scale=None, weight=weight, sigma=sigma)
-        at = objective.minimise(at, CONVERGED)
+        loss = _Loss(sight, scale=None, weight=weight, sigma=median / MEDIAN_3)
+        at = loss.minimise(at, CONVERGED)
     return at, good

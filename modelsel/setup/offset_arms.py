@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -171,26 +172,56 @@ def _take_step(problem: Problem, arm: Arm, step: Array) -> Arm:
     )
 
 
+@dataclass(frozen=True, eq=False)
+class _Arms:
+    """Arms that are fitted together."""
+
+    arms: tuple[Arm, ...]
+
+    def take(self, which: Index) -> _Arms:
+        """Select some of the arms."""
+        return _Arms(tuple(self.arms[k] for k in which))
+
+    def put(self, which: Index, others: _Arms) -> _Arms:
+        """Return the arms with others in some places."""
+        changed = list(self.arms)
+        for k, other in zip(which, others.arms, strict=True):
+            changed[k] = other
+        return _Arms(tuple(changed))
+
+
+@dataclass(frozen=True, eq=False)
 class _Objective:
-    """The loss of an arm and its set-up, with the prior of all unknowns, for the minimisation.
+    """The losses of arms and their set-ups, with the prior of all unknowns, for the minimisation.
 
-    `free`: indices of the unknowns that are fitted; `median` [mm]: what is left, which scales the
-    loss and the prior."""
+    `free`: indices (k, p) of the unknowns of every arm that are fitted; `median` (k,) [mm]: what it
+    leaves, which scales the loss and the prior."""
 
-    def __init__(self, problem: Problem, free: Index, median: float):
-        self.problem = problem
-        self.free = free
-        self.scale = LOSS * median
-        n = problem.robot.n
-        target = problem.data.target[0]
-        self.usual = problem.tools[target]
-        is_stated = self.usual.any()
-        tool_mm = STATED_MM if is_stated else USUAL_MM
-        zero_sigma = np.where(problem.robot.prismatic, LENGTH_SIGMA_MM, ZERO_SIGMA)
+    problem: Problem
+    free: Index
+    median: Array
+
+    def take(self, which: Index) -> _Objective:
+        """Select the objective of some of the arms."""
+        return replace(self, free=self.free[which], median=self.median[which])
+
+    @cached_property
+    def usual(self) -> Array:
+        """(3,) where the target is expected [mm]."""
+        target = self.problem.data.target[0]
+        return self.problem.tools[target]
+
+    @cached_property
+    def prior(self) -> Array:
+        """(k, 9 + 4 n) weights of the squared offsets of the unknowns."""
+        n = self.problem.robot.n
+        tool_mm = STATED_MM if self.usual.any() else USUAL_MM
+        zero_sigma = np.where(self.problem.robot.prismatic, LENGTH_SIGMA_MM, ZERO_SIGMA)
         sigma = np.concatenate([np.full(3, tool_mm), zero_sigma, np.full(3 * n, LENGTH_SIGMA_MM)])
-        of_set_up = np.zeros(SET_UP)
-        of_offsets = (median / MEDIAN_3 / sigma) ** 2
-        self.prior = np.concatenate([of_set_up, of_offsets])
+        coordinate = self.median[:, None] / MEDIAN_3
+        of_offsets = (coordinate / sigma) ** 2
+        of_set_up = np.zeros((len(self.median), SET_UP))
+        return np.concatenate([of_set_up, of_offsets], axis=1)
 
     def _offset(self, arm: Arm) -> Array:
         """Compute (9 + 4 n,) offsets of the unknowns from where they are expected."""
@@ -198,25 +229,36 @@ class _Objective:
         of_tool = arm.tool - self.usual
         return np.concatenate([of_set_up, of_tool, arm.offsets()])
 
-    def cost(self, arm: Arm) -> float:
-        """Compute the redescending loss and the prior's squares."""
-        _, residual = arm.compute_residuals(self.problem)
+    def _weigh(self, residual: Array, k: int) -> tuple[Array, Array]:
+        """Compute the losses and the weights (m,) of the rows of one arm."""
         square = np.square(residual).sum(1)
-        loss, _ = compute_redescending_loss(square, self.scale)
-        total = loss.sum()
-        offset = self._offset(arm)
-        penalty = self.prior @ offset**2
-        return float(total + penalty)
+        return compute_redescending_loss(square, LOSS * self.median[k])
 
-    def equations(self, arm: Arm) -> tuple[Array, Array]:
+    def cost(self, arms: _Arms) -> Array:
+        """Compute the redescending losses and the prior's squares."""
+        costs = []
+        for k, arm in enumerate(arms.arms):
+            _, residual = arm.compute_residuals(self.problem)
+            loss, _ = self._weigh(residual, k)
+            offset = self._offset(arm)
+            penalty = self.prior[k] @ offset**2
+            costs.append(loss.sum() + penalty)
+        return np.array(costs)
+
+    def equations(self, arms: _Arms) -> tuple[Array, Array]:
         """Compute the normal equations of a step of the free unknowns."""
-        free = self.free
+        each = [self._derive(arm, k) for k, arm in enumerate(arms.arms)]
+        H, g = zip(*each, strict=True)
+        return np.stack(H), np.stack(g)
+
+    def _derive(self, arm: Arm, k: int) -> tuple[Array, Array]:
+        """Compute the normal equations of one arm."""
+        free = self.free[k]
         at, residual = arm.compute_residuals(self.problem)
         J = _compute_jacobian(self.problem, arm, at)
         J = J[:, :, free]
-        square = np.square(residual).sum(1)
-        _, weight = compute_redescending_loss(square, self.scale)
-        prior = self.prior[free]
+        _, weight = self._weigh(residual, k)
+        prior = self.prior[k, free]
         offset = self._offset(arm)
         rows = J.reshape(-1, len(free))
         weighted = (J * weight[:, None, None]).reshape(rows.shape)
@@ -224,13 +266,14 @@ class _Objective:
         g = weighted.T @ residual.reshape(-1)
         return H + np.diag(prior), g - prior * offset[free]
 
-    def move(self, arm: Arm, step: Array) -> Arm:
-        """Take a step of the free unknowns."""
-        n = self.problem.robot.n
-        unknowns = TARGET + 4 * n
-        whole = np.zeros(unknowns)
-        whole[self.free] = step
-        return _take_step(self.problem, arm, whole)
+    def move(self, arms: _Arms, steps: Array) -> _Arms:
+        """Take a step of the free unknowns of every arm."""
+        moved = []
+        for arm, free, step in zip(arms.arms, self.free, steps, strict=True):
+            whole = np.zeros(self.prior.shape[1])
+            whole[free] = step
+            moved.append(_take_step(self.problem, arm, whole))
+        return _Arms(tuple(moved))
 
 
 def fit_offsets(problem: Problem, arm: Arm, free: Sequence[int], set_up: bool) -> Arm:
@@ -239,7 +282,7 @@ def fit_offsets(problem: Problem, arm: Arm, free: Sequence[int], set_up: bool) -
     unknowns = [TARGET + k for k in free]
     if set_up:
         unknowns = [*range(TARGET), *unknowns]
-    indices = np.array(unknowns, dtype=np.intp)
+    indices = np.array([unknowns], dtype=np.intp)
     before = np.inf
     for _ in range(SCALE_ROUNDS):
         misfit = arm.compute_misfit(problem)
@@ -247,8 +290,8 @@ def fit_offsets(problem: Problem, arm: Arm, free: Sequence[int], set_up: bool) -
         if median > STALLED * before:
             break
         before = median
-        objective = _Objective(problem, indices, median)
-        arm = minimise(arm, objective.cost, objective.equations, objective.move, COARSE)
+        objective = _Objective(problem, indices, np.array([median]))
+        (arm,) = minimise(_Arms((arm,)), objective, COARSE).arms
     return arm
 
 

@@ -8,6 +8,7 @@ weak prior, which matters only where the rows do not determine the target."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -38,9 +39,11 @@ SUBSETS = 48
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """Rows to place: measured positions x (m, 3) [mm] and, where measured, orientations `seen`
-    (m, 3, 3); the flange's nominal position o (m, 3) and rotation F (m, 3, 3) in frame 0; group and
-    target (m,); `usual` (T, 3) where targets are expected."""
+    """Rows to place: measured positions x (..., m, 3) [mm] and, where measured, orientations `seen`
+    (..., m, 3, 3); the flange's nominal position o (..., m, 3) and rotation F (..., m, 3, 3) in
+    frame 0; group and target (m,); `usual` (..., T, 3) where targets are expected.
+
+    With a leading axis many sights are one, of rows of the same groups and targets."""
 
     x: Array
     o: Array
@@ -52,16 +55,21 @@ class Sight:
     seen: Array | None = None
 
     @property
+    def targets(self) -> int:
+        """Number of targets."""
+        return self.usual.shape[-2]
+
+    @property
     def unknowns(self) -> int:
         """Number of unknowns of the placements and targets."""
         of_placements = 6 * self.groups
-        of_targets = int(self.usual.size)
+        of_targets = 3 * self.targets
         return of_placements + of_targets
 
-    @property
+    @cached_property
     def prior_sigma(self) -> Array:
-        """(T, 1) prior standard deviation of every target's coordinates [mm]."""
-        is_stated = self.usual.any(axis=1, keepdims=True)
+        """(..., T, 1) prior standard deviation of every target's coordinates [mm]."""
+        is_stated = self.usual.any(axis=-1, keepdims=True)
         sigma = np.where(is_stated, STATED_MM, USUAL_MM)
         return np.asarray(sigma)
 
@@ -77,64 +85,135 @@ class Sight:
             seen=None if self.seen is None else self.seen[rows],
         )
 
+    def pick(self, which: Index) -> Sight:
+        """Select some of many sights, with what is known of their rows."""
+        picked = replace(
+            self,
+            x=self.x[which],
+            o=self.o[which],
+            F=self.F[which],
+            usual=self.usual[which],
+            seen=None if self.seen is None else self.seen[which],
+        )
+        vars(picked).update(pairs=self.pairs, middles=self.middles[which])
+        return picked
+
     @cached_property
     def pairs(self) -> tuple[tuple[int, int, Index], ...]:
         """(group, target, rows) of every pair that occurs."""
-        targets = len(self.usual)
-        key = self.group * targets + self.target
+        key = self.group * self.targets + self.target
         pairs = []
         for k in np.unique(key).tolist():
-            group, target = divmod(k, targets)
+            group, target = divmod(k, self.targets)
             pairs.append((group, target, np.flatnonzero(key == k)))
         return tuple(pairs)
 
     def points(self, tools: Array) -> Array:
-        """Compute (m, 3) nominal positions of the targets in frame 0 for offsets (T, 3) [mm]."""
-        offset = tools[self.target]
-        rotated = np.einsum("mij,mj->mi", self.F, offset)
+        """Compute (..., m, 3) nominal positions of the targets in frame 0 for offsets (..., T, 3)
+        [mm]."""
+        offset = tools[..., self.target, :]
+        rotated = np.einsum("...ij,...j->...i", self.F, offset)
         points = self.o + rotated
         return np.asarray(points)
 
     @cached_property
     def middles(self) -> Array:
-        """(G, 3) the median of every group's measured points [mm]."""
-        medians = [np.median(self.x[self.group == g], axis=0) for g in range(self.groups)]
-        return np.array(medians)
+        """(..., G, 3) the median of every group's measured points [mm]."""
+        medians = []
+        for g in range(self.groups):
+            of_group = self.x[..., self.group == g, :]
+            medians.append(np.median(of_group, axis=-2))
+        return np.stack(medians, axis=-2)
 
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """Placements R (G, 3, 3) and t (G, 3) [mm] of frame 0 in the tracker's frame, and targets
-    `tools` (T, 3) [mm]; with orientations, the target frames' rotations on the flange `turned`
-    (T, 3, 3)."""
+    """Placements R (..., G, 3, 3) and t (..., G, 3) [mm] of frame 0 in the tracker's frame, and
+    targets `tools` (..., T, 3) [mm]; with orientations, the target frames' rotations on the flange
+    `turned` (..., T, 3, 3)."""
 
     R: Array
     t: Array
     tools: Array
     turned: Array | None = None
 
+    def take(self, which: Index | int) -> Placed:
+        """Select one of many, or some of them."""
+        turned = None if self.turned is None else self.turned[which]
+        return Placed(self.R[which], self.t[which], self.tools[which], turned)
+
+    def put(self, which: Index, others: Placed) -> Placed:
+        """Return these with others in some places."""
+        turned = None
+        if self.turned is not None and others.turned is not None:
+            turned = put_in_places(self.turned, which, others.turned)
+        return Placed(
+            R=put_in_places(self.R, which, others.R),
+            t=put_in_places(self.t, which, others.t),
+            tools=put_in_places(self.tools, which, others.tools),
+            turned=turned,
+        )
+
+
+def put_in_places(values: Array, which: Index, others: Array) -> Array:
+    """Return values (k, ...) with others in the places `which`, in ascending order."""
+    if len(which) == len(values):
+        return others
+    changed = values.copy()
+    changed[which] = others
+    return changed
+
+
+def stack_sights(sights: Sequence[Sight]) -> Sight:
+    """Stack sights of rows of the same groups and targets along a leading axis."""
+    first = sights[0]
+    seen = None
+    if first.seen is not None:
+        seen = np.stack([np.asarray(sight.seen) for sight in sights])
+    return replace(
+        first,
+        x=np.stack([sight.x for sight in sights]),
+        o=np.stack([sight.o for sight in sights]),
+        F=np.stack([sight.F for sight in sights]),
+        usual=np.stack([sight.usual for sight in sights]),
+        seen=seen,
+    )
+
+
+def stack_placed(placed: Sequence[Placed]) -> Placed:
+    """Stack placements of the same groups and targets along a leading axis."""
+    turned = None
+    if placed[0].turned is not None:
+        turned = np.stack([np.asarray(at.turned) for at in placed])
+    return Placed(
+        R=np.stack([at.R for at in placed]),
+        t=np.stack([at.t for at in placed]),
+        tools=np.stack([at.tools for at in placed]),
+        turned=turned,
+    )
+
 
 def compute_residuals(sight: Sight, at: Placed) -> Array:
-    """Compute (m, 3) measured minus predicted positions [mm]; with orientations (m, 6), rotation
-    vectors times LEVER_MM."""
-    group = sight.group
-    R = at.R[group]
-    t = at.t[group]
-    predicted = np.einsum("mij,mj->mi", R, sight.points(at.tools))
+    """Compute (..., m, 3) measured minus predicted positions [mm]; with orientations (..., m, 6),
+    rotation vectors times LEVER_MM."""
+    R = at.R[..., sight.group, :, :]
+    t = at.t[..., sight.group, :]
+    predicted = np.einsum("...ij,...j->...i", R, sight.points(at.tools))
     position: Array = sight.x - predicted - t
     if sight.seen is None or at.turned is None:
         return position
-    of_target = at.turned[sight.target]
+    of_target = at.turned[..., sight.target, :, :]
     turned = R @ sight.F @ of_target
-    deviation = np.einsum("mij,mkj->mik", sight.seen, turned)
-    rotation = rotation_vector(deviation)
-    return np.concatenate([position, LEVER_MM * rotation], axis=1)
+    deviation = np.einsum("...ij,...kj->...ik", sight.seen, turned)
+    flat = rotation_vector(deviation.reshape(-1, 3, 3))
+    rotation = flat.reshape(position.shape)
+    return np.concatenate([position, LEVER_MM * rotation], axis=-1)
 
 
 def compute_misfits(sight: Sight, at: Placed) -> Array:
-    """Compute (m,) lengths of the residuals."""
+    """Compute (..., m) lengths of the residuals."""
     residuals = compute_residuals(sight, at)
-    lengths = np.linalg.norm(residuals, axis=1)
+    lengths = np.linalg.norm(residuals, axis=-1)
     return np.asarray(lengths)
 
 

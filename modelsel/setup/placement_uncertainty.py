@@ -22,12 +22,13 @@ def compute_uncertainty(sight: Sight, at: Placed, good: Mask) -> tuple[Array, Ar
     """Compute the standard deviations that the good rows (mask) leave, with targets expected as
     usual: ((G,) of the least certain turn of each placement [rad], (T,) of the least certain
     direction of each target [mm])."""
-    sigma = _estimate_sigma(sight, at, good)
+    residuals = compute_residuals(sight, at)
+    sigma = _estimate_sigma(sight, residuals, good)
     weight = good.astype(float)
-    H, _ = normal_equations(sight, at, weight)
+    H, _ = normal_equations(sight, at, residuals, weight)
     H = H / sigma**2
     G = sight.groups
-    T = len(at.tools)
+    T = sight.targets
     first_target = 6 * G
     tools = first_target + np.arange(3 * T)
     prior = 1 / sight.prior_sigma**2
@@ -45,7 +46,7 @@ def compute_uncertainty(sight: Sight, at: Placed, good: Mask) -> tuple[Array, Ar
     return np.array(turns), np.array(places)
 
 
-def _estimate_sigma(sight: Sight, at: Placed, good: Mask) -> float:
+def _estimate_sigma(sight: Sight, residuals: Array, good: Mask) -> float:
     """Estimate the standard deviation of a coordinate [mm] for the uncertainty.
 
     The arm's own errors, USUAL_ERROR of how far it moves, are shared by rows: they count as if only
@@ -53,7 +54,6 @@ def _estimate_sigma(sight: Sight, at: Placed, good: Mask) -> float:
     measured = _compute_rms_distance(sight.x[good])
     nominal = _compute_rms_distance(sight.o[good])
     moves = max(measured, nominal)
-    residuals = compute_residuals(sight, at)
     squares = np.square(residuals[good])
     square = float(squares.mean())
     largest = MAX_MISFIT * moves

@@ -1,7 +1,7 @@
 """Registration: where the tracker stands and where the targets sit, without a start value.
 
-Several starts are minimised on the exact model (`adjustment`), and the one with the least robust
-misfit is taken (`starting_values`). A linear solve for a free affine map from the tracker to frame 0
+Several starts (`starting_values`) are minimised on the exact model (`adjustment`), and the one with
+the least robust misfit is taken (`placement_search`). A linear solve for a free affine map from the tracker to frame 0
 fails where the points lie on a line or a plane, and where the target may sit at a point that no
 joint moves, as on a two-axis positioner; rigid fits and measured orientations are tried too. Groups
 that share no target are placed apart. What the rows leave open is refused, or reported by
@@ -18,21 +18,15 @@ from .._typing import Array, Index, Mask
 from ..exceptions import NotEstimable, count_words, sentence_list, write_rounded
 from ..fitting.problem import Problem
 from ..notices import Note
-from .adjustment import GROSS, refine_robustly, refine_without_gross_rows
+from .adjustment import GROSS
 from .independent_parts import Part, build_sight, name_group, number_groups, split_independent
-from .placement import MEDIAN_3, Placed, Sight, compute_misfits, compute_trimmed_median
+from .placement import Placed, Sight, compute_misfits, compute_trimmed_median
+from .placement_search import find_placements
 from .placement_uncertainty import compute_uncertainty
-from .starting_values import THIN, generate_starts, turn_about_lines
+from .starting_values import THIN
 
 # configurations per placement
 MIN_CONFIGURATIONS = 4
-# rows on which starts are tried, spread over the data, and at least of every group and target
-START_ROWS = 300
-MIN_PAIR_ROWS = 30
-# relative difference of misfits that are one minimum
-SAME_MINIMUM = 1e-3
-# share of the points' spread below which agreement of two starts ends the search
-GOOD_SHARE = 0.01
 # standard deviation of a placement's turn [rad] at which registration is refused, and from which it
 # is reported, and of a target's place [mm] from which it is reported
 MAX_TURN = 1.0
@@ -60,8 +54,9 @@ def register(problem: Problem, use: Mask, per_group: bool) -> Problem:
     if problem.tool_rotations is not None:
         turned = problem.tool_rotations.copy()
     sight = build_sight(selected, group, count)
-    for part in split_independent(sight):
-        at, good = _find_placement(part.sight)
+    parts = list(split_independent(sight))
+    found = find_placements([part.sight for part in parts])
+    for part, (at, good) in zip(parts, found, strict=True):
         _require_known_turns(part, at, good, selected, per_group)
         R[part.groups] = at.R
         t[part.groups] = at.t
@@ -161,91 +156,6 @@ def _read_placement(problem: Problem, part: Part, group: Index) -> Placed:
         turned = rotations[targets]
     R, t = problem.placement
     return Placed(R[placed], t[placed], problem.tools[targets], turned)
-
-
-def _find_placement(sight: Sight) -> tuple[Placed, Mask]:
-    """Find (the placement with the least robust misfit over all starts, mask of the rows that are
-    not gross)."""
-    sample = _thin(sight)
-    extent = _compute_extent(sample)
-    good_mm = GOOD_SHARE * extent
-    tried: list[Placed] = []
-    for start in generate_starts(sample):
-        refined = refine_robustly(sample, start)
-        tried.append(refined)
-        if len(tried) > 1 and _agree(sample, tried, good_mm):
-            break
-    least = _find_least(sample, tried)
-    best = tried[least]
-    candidates = [best]
-    for start in turn_about_lines(sample, best):
-        refined = refine_robustly(sample, start)
-        candidates.append(refined)
-    least = _find_least(sample, candidates)
-    best = candidates[least]
-    whole = refine_robustly(sight, best)
-    return refine_without_gross_rows(sight, whole)
-
-
-def _thin(sight: Sight) -> Sight:
-    """Thin every pair of group and target to rows spread over the data."""
-    pairs = [rows for *_, rows in sight.pairs]
-    share = START_ROWS // len(pairs)
-    most = max(share, MIN_PAIR_ROWS)
-    chosen = []
-    for rows in pairs:
-        count = len(rows)
-        spread = np.linspace(0, count - 1, min(count, most))
-        places = spread.astype(int)
-        chosen.append(rows[places])
-    kept = np.concatenate(chosen)
-    return sight.take(np.sort(kept))
-
-
-def _compute_extent(sight: Sight) -> float:
-    """Compute the median distance [mm] of points from the middle of their group."""
-    of_rows = sight.middles[sight.group]
-    distance = np.linalg.norm(sight.x - of_rows, axis=1)
-    median = np.median(distance)
-    return float(median)
-
-
-def _compute_losses(sight: Sight, tried: list[Placed]) -> Array:
-    """Compute (k,) sums of squares, cut off at a common length, with the prior of the targets."""
-    size = np.array([compute_misfits(sight, at) for at in tried])
-    medians = compute_trimmed_median(size, sight.unknowns)
-    scale = float(medians.min())
-    penalties = []
-    for at in tried:
-        offset = at.tools - sight.usual
-        ratio = offset / sight.prior_sigma
-        penalties.append(np.square(ratio).sum())
-    sigma = scale / MEDIAN_3
-    prior = np.array(penalties) * sigma**2
-    cut_off = GROSS * scale
-    bounded = np.minimum(np.square(size), cut_off**2)
-    losses = bounded.sum(1) + prior
-    return np.asarray(losses)
-
-
-def _find_least(sight: Sight, tried: list[Placed]) -> int:
-    losses = _compute_losses(sight, tried)
-    best = losses.argmin()
-    return int(best)
-
-
-def _agree(sight: Sight, tried: list[Placed], good_mm: float) -> bool:
-    """Return whether two starts have ended in the best minimum, and it explains the points."""
-    loss = _compute_losses(sight, tried)
-    best = int(loss.argmin())
-    least = loss[best]
-    most = least * (1 + SAME_MINIMUM)
-    in_best = loss <= most
-    if in_best.sum() < 2:
-        return False
-    misfits = compute_misfits(sight, tried[best])
-    median = float(np.median(misfits))
-    return median < good_mm
 
 
 def _describe_shape(sight: Sight, at: Placed, g: int) -> str:

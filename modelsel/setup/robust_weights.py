@@ -40,7 +40,7 @@ def compute_redescending_weights(size: Array, scale: Array | float) -> Array:
     return np.asarray(weights)
 
 
-def compute_redescending_loss(square: Array, scale: float) -> tuple[Array, Array]:
+def compute_redescending_loss(square: Array, scale: Array | float) -> tuple[Array, Array]:
     """Compute (losses, weights) of the redescending loss from squared lengths of residuals."""
     ratio = square / scale**2
     influence = 1 + ratio
