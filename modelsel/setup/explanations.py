@@ -8,13 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..exceptions import DataError, NotEstimable
 from ..fitting.design import residuals
 from ..fitting.problem import Problem
 from ..robot.kinematics import pose
 from .improvement import EQUAL_FACTOR
 from .offset_arms import Arm
-from .registration import note_undetermined, register
+from .registration import note_undetermined, register_each
 from .simple_mistakes import NOTHING, Mistake
 
 # a mistake explains the positions where its correction brings the median residual to this share of
@@ -50,17 +49,26 @@ def compute_explained(problem: Problem) -> float:
     return left if is_small else np.inf
 
 
-def try_registration(problem: Problem, sure: bool = True) -> Problem | None:
+def try_registration(problem: Problem) -> Problem | None:
     """Register a problem anew, with the target anywhere near the flange; None where the rows do not
-    determine it (`sure`: or determine it poorly)."""
-    bare = replace(problem, tools=np.zeros_like(problem.tools))
-    every_row = np.ones(len(problem), bool)
-    try:
-        registered = register(bare, every_row, per_group=False)
-    except (DataError, NotEstimable):
-        return None
-    is_refused = sure and _is_weak(registered)
-    return None if is_refused else registered
+    determine it."""
+    (registered,) = register_each([_take_off_tools(problem)])
+    return registered
+
+
+def register_surely(problems: Sequence[Problem]) -> list[Problem | None]:
+    """Register each of several problems anew, with the target anywhere near the flange; None of those
+    whose rows do not determine it, or determine it poorly."""
+    bare = [_take_off_tools(problem) for problem in problems]
+    sure = []
+    for registered in register_each(bare):
+        is_refused = registered is None or _is_weak(registered)
+        sure.append(None if is_refused else registered)
+    return sure
+
+
+def _take_off_tools(problem: Problem) -> Problem:
+    return replace(problem, tools=np.zeros_like(problem.tools))
 
 
 def _is_weak(problem: Problem) -> bool:

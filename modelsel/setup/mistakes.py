@@ -27,6 +27,7 @@ from .explanations import (
     compute_left,
     find_least_left,
     move_tool,
+    register_surely,
     select_best,
     try_registration,
 )
@@ -76,7 +77,7 @@ def describe_setup_mistake(
     if not registered:
         return _describe_stated(sample, least, links)
     # where orientations were at odds with the positions, the positions alone fit
-    sample = try_registration(sample, sure=False) or sample
+    sample = try_registration(sample) or sample
     before = compute_left(sample)
     if before < least:
         return None
@@ -116,7 +117,7 @@ def _describe_stated(sample: Problem, least: float, links: bool) -> str | None:
     found = _explain_stated(sample, before, links)
     if found:
         return _describe(before, found)
-    sample = try_registration(sample, sure=False) or sample
+    sample = try_registration(sample) or sample
     left = compute_left(sample)
     if before / MIN_IMPROVEMENT < left < least:
         return None
@@ -156,7 +157,7 @@ def _explain_stated(problem: Problem, before: float, links: bool) -> list[Explan
 
 
 def _explain_by_registration(problem: Problem, limit: float) -> list[Explanation]:
-    registered = try_registration(problem)
+    (registered,) = register_surely([problem])
     if registered is None:
         return []
     left = compute_explained(registered)
@@ -245,15 +246,15 @@ def _try_mistakes(problem: Problem, count: int) -> list[Explanation]:
     most = EQUAL_FACTOR * score.min()
     parts = np.where(score <= most, [mistake.parts for mistake in joints], np.inf)
     likeliest = np.lexsort((score, parts))
-    explanations = []
+    tried: list[Mistake] = []
     for k in likeliest[:MAX_REGISTERED]:
-        tried = _generate_with_positions(problem, joints[k], float(factor[k]), count)
-        for mistake in tried:
-            corrected = apply_correction(problem, mistake)
-            registered = try_registration(corrected)
-            if registered is not None:
-                left = compute_explained(registered)
-                explanations.append(Explanation(mistake, left))
+        tried += _generate_with_positions(problem, joints[k], float(factor[k]), count)
+    corrected = [apply_correction(problem, mistake) for mistake in tried]
+    explanations = []
+    for mistake, registered in zip(tried, register_surely(corrected), strict=True):
+        if registered is not None:
+            left = compute_explained(registered)
+            explanations.append(Explanation(mistake, left))
     return explanations
 
 

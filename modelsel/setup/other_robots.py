@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from .._typing import Index, Mask
-from ..exceptions import DataError, NotEstimable, write_rounded
+from ..exceptions import write_rounded
 from ..fitting.design import residuals
 from ..fitting.problem import Problem
 from ..measurements.visits import count_distinct
 from ..robot.alignment import have_same_chain
 from ..robot.kinematics import Robot
 from .improvement import BAD_SHARE, MIN_IMPROVEMENT, describe_improvement
-from .registration import register
+from .registration import register_each
 
 # rows that are examined, spread over the file, and configurations that are needed
 MAX_ROWS = 120
@@ -30,11 +30,17 @@ SHIFTS = (1, -1, 2, -2)
 def compute_registered_misfit(problem: Problem) -> float:
     """Compute the median distance [mm] of the positions from the nominal arm, with tracker and
     targets found from them; infinite where these cannot be found."""
-    try:
-        registered = register(problem, np.ones(len(problem), bool), per_group=False)
-    except (DataError, NotEstimable):
-        return float("inf")
-    return _compute_median(registered)
+    (misfit,) = _compute_registered_misfits([problem])
+    return misfit
+
+
+def _compute_registered_misfits(problems: Sequence[Problem]) -> list[float]:
+    """Compute what is left of each of several problems."""
+    misfits = []
+    for registered in register_each(problems):
+        misfit = float("inf") if registered is None else _compute_median(registered)
+        misfits.append(misfit)
+    return misfits
 
 
 def _compute_median(problem: Problem) -> float:
@@ -100,11 +106,16 @@ def describe_other_robot(
     before = compute_registered_misfit(sample)
     if before < BAD_SHARE * problem.reach_mm and not always:
         return None
-    tried = [
-        (compute_registered_misfit(replace(sample, robot=robot)), name, robot.reach)
+    others = {
+        name: robot
         for name, robot in robots().items()
         if robot.prismatic == own.prismatic and not have_same_chain(robot, own)
-    ]
+    }
+    misfits = _compute_registered_misfits(
+        [replace(sample, robot=robot) for robot in others.values()]
+    )
+    reaches = [robot.reach for robot in others.values()]
+    tried = zip(misfits, others, reaches, strict=True)
     after, name, reach = min(tried, default=(np.inf, "", 0.0))
     if after > before / MIN_IMPROVEMENT or after > MAX_REACH_SHARE * reach:
         return None
@@ -138,11 +149,9 @@ def describe_shifted_rows(problem: Problem, use: Mask) -> str | None:
     before = compute_registered_misfit(ordered)
     if before < least:
         return None
-    tried = []
-    for shift in SHIFTS:
-        shifted = _shift_positions(ordered, shift)
-        misfit = compute_registered_misfit(shifted)
-        tried.append((misfit, shift))
+    shifted = [_shift_positions(ordered, shift) for shift in SHIFTS]
+    misfits = _compute_registered_misfits(shifted)
+    tried = zip(misfits, SHIFTS, strict=True)
     after, k = min(tried, key=lambda trial: trial[0])
     if not after <= before / MIN_IMPROVEMENT:
         return None

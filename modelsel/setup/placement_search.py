@@ -7,7 +7,8 @@ starts that end in one minimum, if it explains the points."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from hashlib import blake2b
 from itertools import islice
 
 import numpy as np
@@ -35,23 +36,53 @@ SAME_MINIMUM = 1e-3
 # share of the points' spread below which agreement of two starts ends the search
 GOOD_SHARE = 0.01
 
+# sights whose placements are remembered
+REMEMBERED = 200
+
 Found = tuple[Placed, Mask]
+_remembered: dict[bytes, Found] = {}
 
 
 def find_placements(sights: Sequence[Sight]) -> list[Found]:
     """Find for every sight (the placement with the least robust misfit over all starts, mask of the
-    rows that are not gross)."""
-    found: dict[int, Found] = {}
-    for places in _list_alike(sights):
+    rows that are not gross).
+
+    Those found lately are remembered: one check registers the same rows as another before it."""
+    keys = [_hash_sight(sight) for sight in sights]
+    lately = {key: _remembered[key] for key in keys if key in _remembered}
+    new = {key: k for k, key in enumerate(keys) if key not in lately}
+    for places in _list_alike(sights, list(new.values())):
         alike = [sights[k] for k in places]
-        found.update(zip(places, _find_alike(alike), strict=True))
-    return [found[k] for k in range(len(sights))]
+        found = _find_alike(alike)
+        lately.update({keys[k]: each for k, each in zip(places, found, strict=True)})
+    _remember(lately)
+    return [lately[key] for key in keys]
 
 
-def _list_alike(sights: Sequence[Sight]) -> list[list[int]]:
-    """List the places of sights whose rows have the same groups and targets."""
+def _hash_sight(sight: Sight) -> bytes:
+    """Hash all that a sight holds."""
+    digest = blake2b(repr((sight.groups, sight.x.shape, sight.usual.shape)).encode())
+    values = (sight.x, sight.o, sight.F, sight.group, sight.target, sight.usual, sight.seen)
+    for value in values:
+        if value is not None:
+            digest.update(np.ascontiguousarray(value))
+    return digest.digest()
+
+
+def _remember(found: Mapping[bytes, Found]) -> None:
+    """Remember what was found last, and forget what was found before."""
+    for key, each in found.items():
+        _remembered[key] = _remembered.pop(key, each)
+    while len(_remembered) > REMEMBERED:
+        oldest = next(iter(_remembered))
+        del _remembered[oldest]
+
+
+def _list_alike(sights: Sequence[Sight], places: Sequence[int]) -> list[list[int]]:
+    """List those of the places whose sights have rows of the same groups and targets."""
     alike: dict[tuple[object, ...], list[int]] = {}
-    for k, sight in enumerate(sights):
+    for k in places:
+        sight = sights[k]
         numbers = sight.group.tobytes(), sight.target.tobytes()
         key = (sight.groups, sight.targets, sight.seen is None, *numbers)
         alike.setdefault(key, []).append(k)

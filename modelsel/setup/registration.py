@@ -9,19 +9,19 @@ that share no target are placed apart. What the rows leave open is refused, or r
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from .._typing import Array, Index, Mask
-from ..exceptions import NotEstimable, count_words, sentence_list, write_rounded
+from ..exceptions import DataError, NotEstimable, count_words, sentence_list, write_rounded
 from ..fitting.problem import Problem
 from ..notices import Note
 from .adjustment import GROSS
 from .independent_parts import Part, build_sight, name_group, number_groups, split_independent
 from .placement import Placed, Sight, compute_misfits, compute_trimmed_median
-from .placement_search import find_placements
+from .placement_search import Found, find_placements
 from .placement_uncertainty import compute_uncertainty
 from .starting_values import THIN
 
@@ -40,37 +40,97 @@ def register(problem: Problem, use: Mask, per_group: bool) -> Problem:
     """Find placement(s) and tools from the rows `use` (mask) of a problem.
 
     Raises NotEstimable with too few rows, or where these do not determine how the tracker stands."""
-    gauges = problem.data.gauges
-    if gauges is not None:
-        points = use & gauges.of("point")
-        return _register_points(problem, points, per_group)
-    selected = problem.take(use)
+    task = _prepare(problem, use, per_group)
+    found = find_placements([part.sight for part in task.parts])
+    return task.place(found)
+
+
+def register_each(problems: Sequence[Problem]) -> list[Problem | None]:
+    """Find one placement, and tools, of each of several problems from all of its rows; None of those
+    that `register` refuses."""
+    tasks = [_try_to_prepare(problem) for problem in problems]
+    sights = []
+    for task in tasks:
+        if task is not None:
+            sights += [part.sight for part in task.parts]
+    found = iter(find_placements(sights))
+    registered = []
+    for task in tasks:
+        placed = None
+        if task is not None:
+            own = [next(found) for _ in task.parts]
+            placed = _try_to_place(task, own)
+        registered.append(placed)
+    return registered
+
+
+def _try_to_prepare(problem: Problem) -> _Task | None:
+    every_row = np.ones(len(problem), bool)
+    try:
+        return _prepare(problem, every_row, per_group=False)
+    except (DataError, NotEstimable):
+        return None
+
+
+def _try_to_place(task: _Task, found: Sequence[Found]) -> Problem | None:
+    try:
+        return task.place(found)
+    except NotEstimable:
+        return None
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """A problem to register, its rows that tell the placements, and the parts of these that no row
+    joins."""
+
+    problem: Problem
+    selected: Problem
+    parts: tuple[Part, ...]
+    count: int
+    per_group: bool
+
+    def place(self, found: Sequence[Found]) -> Problem:
+        """Return the problem with what was found of every part. Raises NotEstimable where that is not
+        certain."""
+        problem = self.problem
+        count = self.count
+        R = np.tile(np.eye(3), (count, 1, 1))
+        t = np.zeros((count, 3))
+        tools = problem.tools.copy()
+        turned = None
+        if problem.tool_rotations is not None:
+            turned = problem.tool_rotations.copy()
+        for part, (at, good) in zip(self.parts, found, strict=True):
+            _require_known_turns(part, at, good, self.selected, self.per_group)
+            R[part.groups] = at.R
+            t[part.groups] = at.t
+            tools[part.targets] = at.tools
+            if turned is not None:
+                turned[part.targets] = at.turned
+        groups = len(problem.data.groups)
+        placed = np.arange(count) if self.per_group else np.zeros(groups, np.intp)
+        return replace(
+            problem, placement=(R[placed], t[placed]), tools=tools, tool_rotations=turned
+        )
+
+
+def _prepare(problem: Problem, use: Mask, per_group: bool) -> _Task:
+    """Prepare a registration. Raises NotEstimable with too few rows."""
+    selected = _select_points(problem, use)
     group, count = number_groups(selected, per_group)
     _require_configurations(selected, group, count, per_group)
-    R = np.tile(np.eye(3), (count, 1, 1))
-    t = np.zeros((count, 3))
-    tools = problem.tools.copy()
-    turned = None
-    if problem.tool_rotations is not None:
-        turned = problem.tool_rotations.copy()
     sight = build_sight(selected, group, count)
-    parts = list(split_independent(sight))
-    found = find_placements([part.sight for part in parts])
-    for part, (at, good) in zip(parts, found, strict=True):
-        _require_known_turns(part, at, good, selected, per_group)
-        R[part.groups] = at.R
-        t[part.groups] = at.t
-        tools[part.targets] = at.tools
-        if turned is not None:
-            turned[part.targets] = at.turned
-    groups = len(problem.data.groups)
-    placed = np.arange(count) if per_group else np.zeros(groups, np.intp)
-    return replace(problem, placement=(R[placed], t[placed]), tools=tools, tool_rotations=turned)
+    parts = tuple(split_independent(sight))
+    return _Task(problem, selected, parts, count, per_group)
 
 
-def _register_points(problem: Problem, use: Mask, per_group: bool) -> Problem:
-    """Register a problem in which not every row is a point: from its points alone."""
-    selected = problem.take(use)
+def _select_points(problem: Problem, use: Mask) -> Problem:
+    """Select the rows `use` (mask) that are points. Raises NotEstimable where too few are."""
+    gauges = problem.data.gauges
+    if gauges is None:
+        return problem.take(use)
+    selected = problem.take(use & gauges.of("point"))
     count = selected.data.configurations
     if count < MIN_CONFIGURATIONS:
         verb = "has" if count == 1 else "have"
@@ -79,14 +139,7 @@ def _register_points(problem: Problem, use: Mask, per_group: bool) -> Problem:
             f"{MIN_CONFIGURATIONS}. Measure more points, or leave register out: the other rows are "
             "evaluated in the robot's own frame."
         )
-    points = replace(selected, data=replace(selected.data, gauges=None))
-    registered = register(points, np.ones(len(points), bool), per_group)
-    return replace(
-        problem,
-        placement=registered.placement,
-        tools=registered.tools,
-        tool_rotations=registered.tool_rotations,
-    )
+    return replace(selected, data=replace(selected.data, gauges=None))
 
 
 def _require_configurations(problem: Problem, group: Index, count: int, per_group: bool) -> None:
