@@ -87,9 +87,7 @@ def normal_equations(
     return H, g
 
 
-def _compute_jacobian(
-    sight: Sight, at: Placed, residuals: Array, group: int, rows: Index
-) -> Array:
+def _compute_jacobian(sight: Sight, at: Placed, residuals: Array, group: int, rows: Index) -> Array:
     """Compute (..., k, 3 or 6, 9 or 12) changes of the predictions of rows of one group and
     target."""
     R = at.R[..., group, None, :, :]

@@ -1,7 +1,7 @@
 """Joint offsets: zeros that are off by any angle and links that the nominal arm has wrong, fitted
 exactly together with the set-up.
 
-One number of the arm at a time is fitted on the exact chain (`offset_arms`), a zero from the angles
+One number of the arm at a time is fitted on the exact chain (`offset_fits`), a zero from the angles
 at which an affine map from the tracker would do best; then a second, a third and a fourth from where
 the best ended."""
 
@@ -13,9 +13,11 @@ from itertools import product
 
 import numpy as np
 
+from .._typing import Array
 from ..fitting.problem import Problem
 from .linear_scores import score_linearly
-from .offset_arms import Arm, build_nominal_arm, fit_offsets, place_arm
+from .offset_arms import Arm, build_nominal_arm
+from .offset_fits import fit_offsets, measure_arms, place_arms
 from .offset_words import REST_RANGE, describe_offsets
 from .simple_mistakes import Mistake
 
@@ -42,25 +44,24 @@ def _link_numbers(n: int, j: int) -> list[int]:
 
 def fit_each_zero(problem: Problem, set_up: bool) -> Iterator[tuple[Mistake, Arm]]:
     """Fit every joint's zero, off by any angle, one at a time."""
+    nominal = build_nominal_arm(problem)
+    starts = []
+    free = []
     for j, slides in enumerate(problem.robot.prismatic):
-        nominal = build_nominal_arm(problem)
-        arm = fit_offsets(problem, nominal, [j], set_up)
-        fitted = [arm]
-        if not slides:
-            peaks = _find_peaks(problem, j, set_up)
-            fitted += [_fit_from(problem, start, j, set_up) for start in peaks]
-        best = min(fitted, key=lambda a: a.compute_misfit(problem))
-        yield from _describe(problem, best)
-
-
-def _fit_from(problem: Problem, start: Arm, j: int, set_up: bool) -> Arm:
-    if set_up:
-        start = place_arm(problem, start)
-    return fit_offsets(problem, start, [j], set_up)
+        peaks = [] if slides else _find_peaks(problem, j, set_up)
+        starts += [nominal, *peaks]
+        free += [[j]] * (1 + len(peaks))
+    fitted = fit_offsets(problem, starts, free, set_up)
+    misfits = measure_arms(problem, fitted)
+    for j in range(problem.robot.n):
+        of_joint = [k for k, numbers in enumerate(free) if numbers == [j]]
+        best = min(of_joint, key=misfits.__getitem__)
+        yield from _describe(problem, fitted[best])
 
 
 def _find_peaks(problem: Problem, j: int, set_up: bool) -> list[Arm]:
-    """Find the arms with a zero of joint j, among angles all around, that promise most."""
+    """Find the arms with a zero of joint j, among angles all around, that promise most, and place
+    them where the placement is free."""
     n = problem.robot.n
     nominal = build_nominal_arm(problem)
     unit = np.eye(n)[j]
@@ -68,15 +69,18 @@ def _find_peaks(problem: Problem, j: int, set_up: bool) -> list[Arm]:
     for step in range(1, 36):
         angle = step * ANGLE_STEP
         arms.append(replace(nominal, zeros=angle * unit))
-    if set_up:
-        mistakes = []
-        for arm in arms:
-            mistake = Mistake(words="", look="", A=np.eye(n), c=arm.zeros, B=np.eye(3))
-            mistakes.append(mistake)
-        misfit, _ = score_linearly(problem, mistakes)
-    else:
-        misfits = [arm.compute_misfit(problem) for arm in arms]
-        misfit = np.array(misfits)
+    if not set_up:
+        return _select_least(arms, measure_arms(problem, arms))
+    mistakes = []
+    for arm in arms:
+        mistake = Mistake(words="", look="", A=np.eye(n), c=arm.zeros, B=np.eye(3))
+        mistakes.append(mistake)
+    misfit, _ = score_linearly(problem, mistakes)
+    return place_arms(problem, _select_least(arms, misfit))
+
+
+def _select_least(arms: Sequence[Arm], misfit: Array) -> list[Arm]:
+    """Select the PEAKS arms of the least misfit."""
     likeliest = np.argsort(misfit, kind="stable")
     return [arms[k] for k in likeliest[:PEAKS]]
 
@@ -87,9 +91,8 @@ def fit_each_link(problem: Problem, set_up: bool) -> Iterator[tuple[Mistake, Arm
     nominal = build_nominal_arm(problem)
     # a set-up found from the rows takes up the first link
     first = 1 if set_up else 0
-    for j in range(first, n):
-        numbers = _link_numbers(n, j)
-        arm = fit_offsets(problem, nominal, numbers, set_up)
+    free = [_link_numbers(n, j) for j in range(first, n)]
+    for arm in fit_offsets(problem, [nominal] * len(free), free, set_up):
         yield from _describe(problem, arm)
 
 
@@ -105,12 +108,10 @@ def fit_several(
     zeros = [[j] for j in range(n)]
     of_zeros = [arm for arm in first if not arm.links.any()]
     resting = _fit_resting(problem)
-    best = _fit_best(problem, good, of_zeros, zeros, resting)
-    is_bad = best.compute_misfit(problem) > good
-    if is_bad and links:
+    best, misfit = _fit_best(problem, good, of_zeros, zeros, resting)
+    if misfit > good and links:
         frames = [_link_numbers(n, j) for j in range(1, n)]
-        best = _fit_best(problem, good, first, [*zeros, *frames], [])
-    misfit = best.compute_misfit(problem)
+        best, misfit = _fit_best(problem, good, first, [*zeros, *frames], [])
     if misfit <= good:
         yield from _describe(problem, best)
 
@@ -121,20 +122,18 @@ def _fit_best(
     first: Sequence[Arm],
     groups: Sequence[list[int]],
     others: Sequence[Arm],
-) -> Arm:
-    """Add offsets, of `groups` of numbers, to the best of the arms `first`: the best of these and of
-    `others`."""
-
-    def compute_misfit(arm: Arm) -> float:
-        return arm.compute_misfit(problem)
-
-    nominal = build_nominal_arm(problem)
-    starts = sorted(first or [nominal], key=compute_misfit)
-    extended = []
-    for start in starts[:PEAKS]:
+) -> tuple[Arm, float]:
+    """Add offsets, of `groups` of numbers, to the best of the arms `first`: (the best of these and of
+    `others`, what it leaves [mm])."""
+    starts = first or [build_nominal_arm(problem)]
+    candidates = []
+    for start in _select_least(starts, measure_arms(problem, starts)):
         arm = _add_offsets(problem, good, start, groups)
-        extended.append(arm)
-    return min([*extended, *others], key=compute_misfit)
+        candidates.append(arm)
+    candidates += others
+    misfits = measure_arms(problem, candidates)
+    best = int(misfits.argmin())
+    return candidates[best], float(misfits[best])
 
 
 def _add_offsets(problem: Problem, good: float, arm: Arm, groups: Sequence[list[int]]) -> Arm:
@@ -143,7 +142,7 @@ def _add_offsets(problem: Problem, good: float, arm: Arm, groups: Sequence[list[
     offsets = arm.offsets()
     taken = [group for group in groups if offsets[group].any()]
     before = np.inf
-    misfit = arm.compute_misfit(problem)
+    misfit = float(measure_arms(problem, [arm])[0])
     while len(taken) < MAX_PARTS and good < misfit < MIN_FALL * before:
         linked = [len(group) > 1 for group in taken]
         links = sum(linked)
@@ -157,17 +156,14 @@ def _add_offsets(problem: Problem, good: float, arm: Arm, groups: Sequence[list[
         if not offered:
             break
         present = [k for group in taken for k in group]
-        fitted = []
-        for group in offered:
-            numbers = [*present, *group]
-            extended = fit_offsets(problem, arm, numbers, True)
-            fitted.append(extended)
-        misfits = [a.compute_misfit(problem) for a in fitted]
-        best = int(np.argmin(misfits))
+        numbers = [[*present, *group] for group in offered]
+        fitted = fit_offsets(problem, [arm] * len(numbers), numbers, True)
+        misfits = measure_arms(problem, fitted)
+        best = int(misfits.argmin())
         arm = fitted[best]
         taken.append(offered[best])
         before = misfit
-        misfit = misfits[best]
+        misfit = float(misfits[best])
     return arm
 
 
@@ -180,14 +176,12 @@ def _fit_resting(problem: Problem) -> list[Arm]:
         return []
     identity = np.eye(problem.robot.n)
     nominal = build_nominal_arm(problem)
-    fitted = []
+    turned = []
     for angles in product(THIRDS, repeat=count):
         zeros = identity[resting].T @ np.array(angles)
-        turned = replace(nominal, zeros=zeros)
-        start = place_arm(problem, turned)
-        arm = fit_offsets(problem, start, resting, True)
-        fitted.append(arm)
-    return fitted
+        turned.append(replace(nominal, zeros=zeros))
+    starts = place_arms(problem, turned)
+    return fit_offsets(problem, starts, [resting] * len(starts), True)
 
 
 def _find_resting(problem: Problem) -> list[int]:

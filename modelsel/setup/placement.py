@@ -57,7 +57,8 @@ class Sight:
     @property
     def targets(self) -> int:
         """Number of targets."""
-        return self.usual.shape[-2]
+        *_, targets, _ = self.usual.shape
+        return int(targets)
 
     @property
     def unknowns(self) -> int:

@@ -65,7 +65,7 @@ def _hash_sight(sight: Sight) -> bytes:
     values = (sight.x, sight.o, sight.F, sight.group, sight.target, sight.usual, sight.seen)
     for value in values:
         if value is not None:
-            digest.update(np.ascontiguousarray(value))
+            digest.update(value.tobytes())
     return digest.digest()
 
 
