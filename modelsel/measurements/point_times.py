@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,8 @@ DATE = re.compile(r"\d+[-./]\d+[-./]\d+")
 # a date that begins with its day or its month: which of them, it does not say
 UNCLEAR_DATE = re.compile(r"\b(\d{1,2})[-/](\d{1,2})[-/]\d{2,4}\b")
 MONTHS = 12
+# columns of texts whose times are remembered
+REMEMBERED = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,17 +173,25 @@ def _join_texts(table: Table, dates: list[str], name: str) -> NDArray[Any]:
 
 
 def _parse_texts(texts: NDArray[Any]) -> Array | None:
-    """Parse text as times [s]; None where a cell is none.
+    """Parse text as times [s]; None where a cell is none."""
+    words = [str(text).strip() for text in texts]
+    return _parse_words(tuple(words))
+
+
+@lru_cache(maxsize=REMEMBERED)
+def _parse_words(words: tuple[str, ...]) -> Array | None:
+    """Parse times without blanks around them, unless they were parsed lately: many steps ask for the
+    times of one file.
 
     Of a date such as 03/04/2025 it is not known which is the month: where both readings fit all
     cells, that one holds in which the campaign is shorter."""
-    words = [str(text).strip() for text in texts]
     if not are_clock_times(words):
         return None
     readings = []
     for day_first in _list_date_orders(words):
         seconds = _parse_dates(words, day_first)
         if seconds is not None:
+            seconds.setflags(write=False)
             readings.append(seconds)
     return min(readings, key=np.ptp, default=None)
 

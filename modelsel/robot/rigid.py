@@ -126,14 +126,17 @@ def from_rotation_vector(vector: Array) -> Array:
     w, x, y, z = np.cos(angle / 2), scale * x, scale * y, scale * z
     xx, yy, zz, ww = x * x, y * y, z * z, w * w
     xy, xz, yz, xw, yw, zw = x * y, x * z, y * z, x * w, y * w, z * w
-    R = np.array(
-        [
-            [xx - yy - zz + ww, 2 * (xy - zw), 2 * (xz + yw)],
-            [2 * (xy + zw), -xx + yy - zz + ww, 2 * (yz - xw)],
-            [2 * (xz - yw), 2 * (yz + xw), -xx - yy + zz + ww],
-        ]
-    )
-    return np.ascontiguousarray(np.moveaxis(R, (0, 1), (-2, -1)))
+    R = np.empty((*angle.shape, 3, 3))
+    R[..., 0, 0] = xx - yy - zz + ww
+    R[..., 0, 1] = 2 * (xy - zw)
+    R[..., 0, 2] = 2 * (xz + yw)
+    R[..., 1, 0] = 2 * (xy + zw)
+    R[..., 1, 1] = -xx + yy - zz + ww
+    R[..., 1, 2] = 2 * (yz - xw)
+    R[..., 2, 0] = 2 * (xz - yw)
+    R[..., 2, 1] = 2 * (yz + xw)
+    R[..., 2, 2] = -xx - yy + zz + ww
+    return R
 
 
 def from_quaternion(wxyz: Array) -> Array:

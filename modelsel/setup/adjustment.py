@@ -48,7 +48,8 @@ def _columns_of(sight: Sight, with_turns: bool, group: int, target: int) -> Inde
     """Index the unknowns that rows of a group and a target depend on."""
     first_target = 6 * sight.groups
     first_turn = first_target + 3 * sight.targets
-    coordinates = 3 * target + np.arange(3)
+    axes = np.arange(3)
+    coordinates = 3 * target + axes
     of_group = 6 * group + np.arange(6)
     of_target = first_target + coordinates
     columns = [of_group, of_target]
@@ -80,8 +81,9 @@ def normal_equations(
         A = A.reshape(*stack, -1, J.shape[-1])
         b = residuals[..., rows, :] * root
         own = _columns_of(sight, with_turns, group, target)
+        block = own[:, None]
         across = np.swapaxes(A, -1, -2)
-        H[..., own[:, None], own] += across @ A
+        H[..., block, own] += across @ A
         projected = across @ b.reshape(*stack, -1, 1)
         g[..., own] += projected[..., 0]
     return H, g
@@ -166,8 +168,11 @@ class _Loss:
 
     def take(self, which: Index) -> _Loss:
         """Select the loss of some of the placements."""
+        sight = self.sight.pick(which)
         scale = None if self.scale is None else self.scale[which]
-        return _Loss(self.sight.pick(which), scale, self.weight[which], self.sigma[which])
+        weight = self.weight[which]
+        sigma = self.sigma[which]
+        return _Loss(sight, scale, weight, sigma)
 
     @cached_property
     def prior(self) -> Array:
@@ -179,17 +184,23 @@ class _Loss:
     def cost(self, trial: _Trial) -> Array:
         """Compute the loss and the prior's squares."""
         loss, _ = self._weigh(trial)
-        squared_offset = self._offset(trial) ** 2
+        offset = self._offset(trial)
+        squared_offset = offset**2
         penalty = self.prior * squared_offset
-        total = loss.sum(1) + penalty.sum(1)
+        of_rows = loss.sum(1)
+        of_targets = penalty.sum(1)
+        total = of_rows + of_targets
         return np.asarray(total)
 
     def _weigh(self, trial: _Trial) -> tuple[Array, Array]:
         """Compute the losses and the weights (k, m) of the rows."""
         square = np.square(trial.residuals).sum(2)
-        if self.scale is None:
-            return self.weight * square, self.weight
-        return compute_redescending_loss(square, self.scale[:, None])
+        scale = self.scale
+        if scale is None:
+            weight = self.weight
+            return weight * square, weight
+        of_rows = scale[:, None]
+        return compute_redescending_loss(square, of_rows)
 
     def _offset(self, trial: _Trial) -> Array:
         """Compute (k, 3 T) offsets of the targets from where they are expected [mm]."""
@@ -208,15 +219,19 @@ class _Loss:
 
     def move(self, trial: _Trial, steps: Array) -> _Trial:
         """Take a step of every placement."""
-        return self.try_out(_take_step(self.sight, trial.at, steps))
+        moved = _take_step(self.sight, trial.at, steps)
+        return self.try_out(moved)
 
     def try_out(self, at: Placed) -> _Trial:
         """Compute what placements leave."""
-        return _Trial(at, compute_residuals(self.sight, at))
+        residuals = compute_residuals(self.sight, at)
+        return _Trial(at, residuals)
 
     def minimise(self, at: Placed, tolerance: float) -> Placed:
         """Minimise from every start."""
-        return minimise(self.try_out(at), self, tolerance).at
+        start = self.try_out(at)
+        found = minimise(start, self, tolerance)
+        return found.at
 
 
 def refine_robustly(sight: Sight, at: Placed) -> Placed:
@@ -230,20 +245,21 @@ def refine_robustly(sight: Sight, at: Placed) -> Placed:
         starts = at.take(which)
         misfits = compute_misfits(of_these, starts)
         median = compute_trimmed_median(misfits, sight.unknowns)
-        goes_on = median <= STALLED * before[which]
+        most = STALLED * before[which]
+        goes_on = median <= most
         if not goes_on.any():
             break
         going = np.flatnonzero(goes_on)
         which = which[going]
         median = median[going]
         before[which] = median
-        loss = _Loss(
-            of_these.pick(going),
-            scale=LOSS * median,
-            weight=np.ones((len(which), sight.x.shape[1])),
-            sigma=median / MEDIAN_3,
-        )
-        refined = loss.minimise(starts.take(going), COARSE)
+        picked = of_these.pick(going)
+        ones = np.ones(picked.x.shape[:2])
+        scale = LOSS * median
+        sigma = median / MEDIAN_3
+        loss = _Loss(picked, scale, ones, sigma)
+        start = starts.take(going)
+        refined = loss.minimise(start, COARSE)
         at = at.put(which, refined)
     return at
 
@@ -258,6 +274,7 @@ def refine_without_gross_rows(sight: Sight, at: Placed) -> tuple[Placed, Mask]:
         limit = GROSS * median
         good = misfits <= limit[:, None]
         weight = good.astype(float)
-        loss = _Loss(sight, scale=None, weight=weight, sigma=median / MEDIAN_3)
+        sigma = median / MEDIAN_3
+        loss = _Loss(sight, scale=None, weight=weight, sigma=sigma)
         at = loss.minimise(at, CONVERGED)
     return at, good

@@ -68,15 +68,19 @@ def _find_peaks(problem: Problem, j: int, set_up: bool) -> list[Arm]:
     arms = []
     for step in range(1, 36):
         angle = step * ANGLE_STEP
-        arms.append(replace(nominal, zeros=angle * unit))
+        zeros = angle * unit
+        arm = replace(nominal, zeros=zeros)
+        arms.append(arm)
     if not set_up:
-        return _select_least(arms, measure_arms(problem, arms))
+        misfit = measure_arms(problem, arms)
+        return _select_least(arms, misfit)
     mistakes = []
     for arm in arms:
         mistake = Mistake(words="", look="", A=np.eye(n), c=arm.zeros, B=np.eye(3))
         mistakes.append(mistake)
     misfit, _ = score_linearly(problem, mistakes)
-    return place_arms(problem, _select_least(arms, misfit))
+    peaks = _select_least(arms, misfit)
+    return place_arms(problem, peaks)
 
 
 def _select_least(arms: Sequence[Arm], misfit: Array) -> list[Arm]:
@@ -92,7 +96,10 @@ def fit_each_link(problem: Problem, set_up: bool) -> Iterator[tuple[Mistake, Arm
     # a set-up found from the rows takes up the first link
     first = 1 if set_up else 0
     free = [_link_numbers(n, j) for j in range(first, n)]
-    for arm in fit_offsets(problem, [nominal] * len(free), free, set_up):
+    count = len(free)
+    starts = [nominal] * count
+    fitted = fit_offsets(problem, starts, free, set_up)
+    for arm in fitted:
         yield from _describe(problem, arm)
 
 
@@ -126,14 +133,16 @@ def _fit_best(
     """Add offsets, of `groups` of numbers, to the best of the arms `first`: (the best of these and of
     `others`, what it leaves [mm])."""
     starts = first or [build_nominal_arm(problem)]
+    before = measure_arms(problem, starts)
     candidates = []
-    for start in _select_least(starts, measure_arms(problem, starts)):
+    for start in _select_least(starts, before):
         arm = _add_offsets(problem, good, start, groups)
         candidates.append(arm)
     candidates += others
     misfits = measure_arms(problem, candidates)
     best = int(misfits.argmin())
-    return candidates[best], float(misfits[best])
+    left = float(misfits[best])
+    return candidates[best], left
 
 
 def _add_offsets(problem: Problem, good: float, arm: Arm, groups: Sequence[list[int]]) -> Arm:

@@ -64,8 +64,11 @@ def minimise(
         has_ended = descent.step()
         ended = np.flatnonzero(has_ended)
         if len(ended):
-            found = found.put(descent.which[ended], descent.states.take(ended))
-            descent.keep(np.flatnonzero(~has_ended))
+            places = descent.which[ended]
+            minima = descent.states.take(ended)
+            found = found.put(places, minima)
+            going = np.flatnonzero(~has_ended)
+            descent.keep(going)
     return found
 
 
@@ -79,9 +82,10 @@ class _Descent(Generic[AnyStates]):
         self.states = states
         self.objective = objective
         self.tolerance = tolerance
-        self.cost = objective.cost(states)
+        cost = objective.cost(states)
+        self.cost = cost
+        count = len(cost)
         self.H, self.g = objective.equations(states)
-        count = len(self.cost)
         self.which = np.arange(count)
         self.damping = np.full(count, FIRST_DAMPING)
         self.steps = np.zeros(count, np.intp)
@@ -98,17 +102,22 @@ class _Descent(Generic[AnyStates]):
         gain = self.cost - cost
         fallen = np.flatnonzero(has_fallen)
         if len(fallen):
-            self.states = self.states.put(fallen, trial.take(fallen))
+            moved = trial.take(fallen)
+            self.states = self.states.put(fallen, moved)
         self.cost = np.where(has_fallen, cost, self.cost)
         self.steps += has_fallen
         self.is_new = has_fallen
-        lowered = np.maximum(self.damping / 10, LEAST_LOWERED)
-        raised = np.maximum(10 * self.damping, LEAST_RAISED)
+        tenth = self.damping / 10
+        lowered = np.maximum(tenth, LEAST_LOWERED)
+        tenfold = 10 * self.damping
+        raised = np.maximum(tenfold, LEAST_RAISED)
         self.damping = np.where(has_fallen, lowered, raised)
-        is_minimum = gain <= self.tolerance * cost
+        least_gain = self.tolerance * cost
+        is_minimum = gain <= least_gain
         is_last = self.steps >= MAX_STEPS
         has_stalled = self.damping >= MAX_DAMPING
-        return np.where(has_fallen, is_minimum | is_last, has_stalled)
+        has_arrived = is_minimum | is_last
+        return np.where(has_fallen, has_arrived, has_stalled)
 
     def keep(self, which: Index) -> None:
         """Go on with some of the states."""

@@ -64,8 +64,10 @@ class _Arms:
     def put(self, which: Index, others: _Arms) -> _Arms:
         """Return the arms with others in some places."""
         changed = {}
+        new = vars(others)
         for name, values in vars(self).items():
-            changed[name] = put_in_places(values, which, vars(others)[name])
+            of_others = new[name]
+            changed[name] = put_in_places(values, which, of_others)
         return _Arms(**changed)
 
     def list_arms(self) -> list[Arm]:
@@ -88,14 +90,12 @@ class _Arms:
 
 def _stack_arms(problem: Problem, arms: Sequence[Arm]) -> _Arms:
     """Stack arms, and walk their chains at the rows of a problem."""
-    return _walk(
-        problem,
-        R=np.stack([arm.R for arm in arms]),
-        t=np.stack([arm.t for arm in arms]),
-        tool=np.stack([arm.tool for arm in arms]),
-        zeros=np.stack([arm.zeros for arm in arms]),
-        links=np.stack([arm.links for arm in arms]),
-    )
+    R = np.stack([arm.R for arm in arms])
+    t = np.stack([arm.t for arm in arms])
+    tool = np.stack([arm.tool for arm in arms])
+    zeros = np.stack([arm.zeros for arm in arms])
+    links = np.stack([arm.links for arm in arms])
+    return _walk(problem, R, t, tool, zeros, links)
 
 
 def _walk(problem: Problem, R: Array, t: Array, tool: Array, zeros: Array, links: Array) -> _Arms:
@@ -107,12 +107,17 @@ def _walk(problem: Problem, R: Array, t: Array, tool: Array, zeros: Array, links
     readings = problem.data.q + zeros[:, None]
     twist = None
     if links.any():
-        twist = np.zeros((n + 1, 6, count * m))
+        rows = count * m
+        twist = np.zeros((n + 1, 6, rows))
         shifts = np.repeat(links, m, axis=0)
         twist[:n, :3] = shifts.transpose(1, 2, 0)
-    at = pose(problem.robot, readings.reshape(-1, n), np.repeat(tool, m, axis=0), twist)
-    axes = at.axes[:, :3].reshape(n + 1, 3, 3, count, m)
-    origins = at.origins.reshape(n + 1, 3, count, m)
+    q = readings.reshape(-1, n)
+    tool_of_row = np.repeat(tool, m, axis=0)
+    at = pose(problem.robot, q, tool_of_row, twist)
+    frames = n + 1
+    nominal_axes = at.axes[:, :3]
+    axes = nominal_axes.reshape(frames, 3, 3, count, m)
+    origins = at.origins.reshape(frames, 3, count, m)
     return _Arms(
         R,
         t,
@@ -129,12 +134,14 @@ def _compute_medians(problem: Problem, arms: _Arms) -> Array:
     """Compute the median distance (k,) that every arm leaves [mm]."""
     residuals = arms.compute_residuals(problem.data.position)
     distance = np.linalg.norm(residuals, axis=2)
-    return np.asarray(np.median(distance, axis=1))
+    median = np.median(distance, axis=1)
+    return np.asarray(median)
 
 
 def measure_arms(problem: Problem, arms: Sequence[Arm]) -> Array:
     """Compute the median distance (k,) that every arm leaves [mm]."""
-    return _compute_medians(problem, _stack_arms(problem, arms))
+    stacked = _stack_arms(problem, arms)
+    return _compute_medians(problem, stacked)
 
 
 def _differentiate(problem: Problem, arms: _Arms) -> Array:
@@ -167,7 +174,9 @@ class _Objective:
 
     def take(self, which: Index) -> _Objective:
         """Select the objective of some of the arms."""
-        return replace(self, free=self.free[which], median=self.median[which])
+        free = self.free[which]
+        median = self.median[which]
+        return replace(self, free=free, median=median)
 
     @cached_property
     def usual(self) -> Array:
@@ -197,21 +206,29 @@ class _Objective:
 
     def _weigh(self, residuals: Array) -> tuple[Array, Array]:
         """Compute the losses and the weights (k, m) of the rows."""
-        square = np.square(residuals).sum(2)
+        squares = np.square(residuals)
+        square = squares.sum(2)
         scale = LOSS * self.median
-        return compute_redescending_loss(square, scale[:, None])
+        of_arms = scale[:, None]
+        return compute_redescending_loss(square, of_arms)
 
     def cost(self, arms: _Arms) -> Array:
         """Compute the redescending losses and the prior's squares."""
-        loss, _ = self._weigh(arms.compute_residuals(self.problem.data.position))
+        position = self.problem.data.position
+        residuals = arms.compute_residuals(position)
+        loss, _ = self._weigh(residuals)
         offset = self._offset(arms)
-        penalty = self.prior * offset**2
-        total = loss.sum(1) + penalty.sum(1)
+        squared_offset = offset**2
+        penalty = self.prior * squared_offset
+        of_rows = loss.sum(1)
+        of_unknowns = penalty.sum(1)
+        total = of_rows + of_unknowns
         return np.asarray(total)
 
     def equations(self, arms: _Arms) -> tuple[Array, Array]:
         """Compute the normal equations of a step of the free unknowns."""
-        residuals = arms.compute_residuals(self.problem.data.position)
+        position = self.problem.data.position
+        residuals = arms.compute_residuals(position)
         _, weight = self._weigh(residuals)
         J = self._compute_jacobian(arms)
         count, _, _, unknowns = J.shape

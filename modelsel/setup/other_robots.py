@@ -111,9 +111,8 @@ def describe_other_robot(
         for name, robot in robots().items()
         if robot.prismatic == own.prismatic and not have_same_chain(robot, own)
     }
-    misfits = _compute_registered_misfits(
-        [replace(sample, robot=robot) for robot in others.values()]
-    )
+    replaced = [replace(sample, robot=robot) for robot in others.values()]
+    misfits = _compute_registered_misfits(replaced)
     reaches = [robot.reach for robot in others.values()]
     tried = zip(misfits, others, reaches, strict=True)
     after, name, reach = min(tried, default=(np.inf, "", 0.0))

@@ -96,7 +96,10 @@ class Sight:
             usual=self.usual[which],
             seen=None if self.seen is None else self.seen[which],
         )
-        vars(picked).update(pairs=self.pairs, middles=self.middles[which])
+        # what is cached stays known
+        known = vars(picked)
+        known["pairs"] = self.pairs
+        known["middles"] = self.middles[which]
         return picked
 
     @cached_property
@@ -106,7 +109,10 @@ class Sight:
         pairs = []
         for k in np.unique(key).tolist():
             group, target = divmod(k, self.targets)
-            pairs.append((group, target, np.flatnonzero(key == k)))
+            is_pair = key == k
+            rows = np.flatnonzero(is_pair)
+            pair = (group, target, rows)
+            pairs.append(pair)
         return tuple(pairs)
 
     def points(self, tools: Array) -> Array:
@@ -122,8 +128,11 @@ class Sight:
         """(..., G, 3) the median of every group's measured points [mm]."""
         medians = []
         for g in range(self.groups):
-            of_group = self.x[..., self.group == g, :]
-            medians.append(np.median(of_group, axis=-2))
+            in_group = self.group == g
+            rows = np.flatnonzero(in_group)
+            of_group = self.x[..., rows, :]
+            middle = np.median(of_group, axis=-2)
+            medians.append(middle)
         return np.stack(medians, axis=-2)
 
 
@@ -145,15 +154,13 @@ class Placed:
 
     def put(self, which: Index, others: Placed) -> Placed:
         """Return these with others in some places."""
+        R = put_in_places(self.R, which, others.R)
+        t = put_in_places(self.t, which, others.t)
+        tools = put_in_places(self.tools, which, others.tools)
         turned = None
         if self.turned is not None and others.turned is not None:
             turned = put_in_places(self.turned, which, others.turned)
-        return Placed(
-            R=put_in_places(self.R, which, others.R),
-            t=put_in_places(self.t, which, others.t),
-            tools=put_in_places(self.tools, which, others.tools),
-            turned=turned,
-        )
+        return Placed(R, t, tools, turned)
 
 
 def put_in_places(values: Array, which: Index, others: Array) -> Array:
@@ -183,15 +190,14 @@ def stack_sights(sights: Sequence[Sight]) -> Sight:
 
 def stack_placed(placed: Sequence[Placed]) -> Placed:
     """Stack placements of the same groups and targets along a leading axis."""
+    first = placed[0]
     turned = None
-    if placed[0].turned is not None:
+    if first.turned is not None:
         turned = np.stack([np.asarray(at.turned) for at in placed])
-    return Placed(
-        R=np.stack([at.R for at in placed]),
-        t=np.stack([at.t for at in placed]),
-        tools=np.stack([at.tools for at in placed]),
-        turned=turned,
-    )
+    R = np.stack([at.R for at in placed])
+    t = np.stack([at.t for at in placed])
+    tools = np.stack([at.tools for at in placed])
+    return Placed(R, t, tools, turned)
 
 
 def compute_residuals(sight: Sight, at: Placed) -> Array:
@@ -206,7 +212,8 @@ def compute_residuals(sight: Sight, at: Placed) -> Array:
     of_target = at.turned[..., sight.target, :, :]
     turned = R @ sight.F @ of_target
     deviation = np.einsum("...ij,...kj->...ik", sight.seen, turned)
-    flat = rotation_vector(deviation.reshape(-1, 3, 3))
+    matrices = deviation.reshape(-1, 3, 3)
+    flat = rotation_vector(matrices)
     rotation = flat.reshape(position.shape)
     return np.concatenate([position, LEVER_MM * rotation], axis=-1)
 

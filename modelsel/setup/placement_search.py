@@ -49,43 +49,57 @@ def find_placements(sights: Sequence[Sight]) -> list[Found]:
 
     Those found lately are remembered: one check registers the same rows as another before it."""
     keys = [_hash_sight(sight) for sight in sights]
-    lately = {key: _remembered[key] for key in keys if key in _remembered}
-    new = {key: k for k, key in enumerate(keys) if key not in lately}
-    for places in _list_alike(sights, list(new.values())):
-        alike = [sights[k] for k in places]
-        found = _find_alike(alike)
-        lately.update({keys[k]: each for k, each in zip(places, found, strict=True)})
-    _remember(lately)
-    return [lately[key] for key in keys]
+    found: dict[bytes, Found] = {}
+    new: dict[bytes, Sight] = {}
+    for key, sight in zip(keys, sights, strict=True):
+        if key in _remembered:
+            found[key] = _remembered[key]
+        else:
+            new[key] = sight
+    for alike in _list_alike(new):
+        stacked = [new[key] for key in alike]
+        placed = _find_alike(stacked)
+        pairs = zip(alike, placed, strict=True)
+        found.update(pairs)
+    _remember(found)
+    return [found[key] for key in keys]
 
 
 def _hash_sight(sight: Sight) -> bytes:
     """Hash all that a sight holds."""
-    digest = blake2b(repr((sight.groups, sight.x.shape, sight.usual.shape)).encode())
-    values = (sight.x, sight.o, sight.F, sight.group, sight.target, sight.usual, sight.seen)
+    sizes = (sight.groups, sight.x.shape, sight.usual.shape)
+    text = repr(sizes)
+    encoded = text.encode()
+    digest = blake2b(encoded)
+    values = [sight.x, sight.o, sight.F, sight.group, sight.target, sight.usual]
+    if sight.seen is not None:
+        values.append(sight.seen)
     for value in values:
-        if value is not None:
-            digest.update(value.tobytes())
+        held = value.tobytes()
+        digest.update(held)
     return digest.digest()
 
 
 def _remember(found: Mapping[bytes, Found]) -> None:
     """Remember what was found last, and forget what was found before."""
     for key, each in found.items():
-        _remembered[key] = _remembered.pop(key, each)
+        _remembered.pop(key, None)
+        _remembered[key] = each
     while len(_remembered) > REMEMBERED:
         oldest = next(iter(_remembered))
         del _remembered[oldest]
 
 
-def _list_alike(sights: Sequence[Sight], places: Sequence[int]) -> list[list[int]]:
-    """List those of the places whose sights have rows of the same groups and targets."""
-    alike: dict[tuple[object, ...], list[int]] = {}
-    for k in places:
-        sight = sights[k]
-        numbers = sight.group.tobytes(), sight.target.tobytes()
-        key = (sight.groups, sight.targets, sight.seen is None, *numbers)
-        alike.setdefault(key, []).append(k)
+def _list_alike(sights: Mapping[bytes, Sight]) -> list[list[bytes]]:
+    """List the keys of sights whose rows have the same groups and targets."""
+    alike: dict[tuple[object, ...], list[bytes]] = {}
+    for key, sight in sights.items():
+        group = sight.group.tobytes()
+        target = sight.target.tobytes()
+        has_orientations = sight.seen is not None
+        layout = (sight.groups, sight.targets, has_orientations, group, target)
+        of_layout = alike.setdefault(layout, [])
+        of_layout.append(key)
     return list(alike.values())
 
 
@@ -93,15 +107,19 @@ def _find_alike(sights: Sequence[Sight]) -> list[Found]:
     """Find the placements of sights that can be stacked."""
     searches = [_Search(sight) for sight in sights]
     _try_starts(searches, FIRST_STARTS)
-    _try_starts([search for search in searches if not search.has_ended], None)
+    going = [search for search in searches if not search.has_ended]
+    _try_starts(going, None)
     for search in searches:
         search.turn_about_lines()
     _try_starts(searches, None)
     stacked = stack_sights(sights)
-    best = stack_placed([search.best for search in searches])
+    each_best = [search.best for search in searches]
+    best = stack_placed(each_best)
     whole = refine_robustly(stacked, best)
     fitted, good = refine_without_gross_rows(stacked, whole)
-    return [(fitted.take(k), good[k]) for k in range(len(sights))]
+    count = len(sights)
+    each = [fitted.take(k) for k in range(count)]
+    return list(zip(each, good, strict=True))
 
 
 class _Search:
@@ -109,9 +127,11 @@ class _Search:
     that were tried, with their misfits."""
 
     def __init__(self, sight: Sight) -> None:
-        self.sample = _thin(sight)
-        self.good_mm = GOOD_SHARE * _compute_extent(self.sample)
-        self.starts = generate_starts(self.sample)
+        sample = _thin(sight)
+        extent = _compute_extent(sample)
+        self.sample = sample
+        self.good_mm = GOOD_SHARE * extent
+        self.starts = generate_starts(sample)
         self.tried: list[Placed] = []
         self.has_ended = False
 
@@ -120,14 +140,17 @@ class _Search:
         for at in refined:
             if self.has_ended:
                 return
-            self.tried.append(at)
-            self.has_ended = len(self.tried) > 1 and _agree(self.sample, self.tried, self.good_mm)
+            tried = self.tried
+            tried.append(at)
+            self.has_ended = len(tried) > 1 and _agree(self.sample, tried, self.good_mm)
 
     @property
     def best(self) -> Placed:
         """The placement of the least loss."""
-        least = _compute_losses(self.sample, self.tried).argmin()
-        return self.tried[int(least)]
+        tried = self.tried
+        losses = _compute_losses(self.sample, tried)
+        least = losses.argmin()
+        return tried[int(least)]
 
     def turn_about_lines(self) -> None:
         """Begin anew with the best placement, and with those that it cannot be told from."""
@@ -144,16 +167,22 @@ def _try_starts(searches: Sequence[_Search], count: int | None) -> None:
     starts: list[Placed] = []
     counts = []
     for search in searches:
-        more = list(islice(search.starts, count))
-        starts += more
-        samples += [search.sample] * len(more)
-        counts.append(len(more))
+        before = len(starts)
+        starts += islice(search.starts, count)
+        more = len(starts) - before
+        samples += [search.sample] * more
+        counts.append(more)
     if not starts:
         return
-    refined = refine_robustly(stack_sights(samples), stack_placed(starts))
-    each = iter(refined.take(k) for k in range(len(starts)))
-    for search, number in zip(searches, counts, strict=True):
-        search.add(list(islice(each, number)))
+    sight = stack_sights(samples)
+    at = stack_placed(starts)
+    refined = refine_robustly(sight, at)
+    first = 0
+    for search, more in zip(searches, counts, strict=True):
+        beyond = first + more
+        own = [refined.take(k) for k in range(first, beyond)]
+        search.add(own)
+        first = beyond
 
 
 def _thin(sight: Sight) -> Sight:

@@ -41,7 +41,9 @@ def register(problem: Problem, use: Mask, per_group: bool) -> Problem:
 
     Raises NotEstimable with too few rows, or where these do not determine how the tracker stands."""
     task = _prepare(problem, use, per_group)
-    found = find_placements([part.sight for part in task.parts])
+    parts = task.parts
+    sights = [part.sight for part in parts]
+    found = find_placements(sights)
     return task.place(found)
 
 
