@@ -5,6 +5,7 @@ from __future__ import annotations
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from modelsel.measurements.point_times import parse_clock
@@ -31,3 +32,26 @@ def test_a_campaign_of_some_days_lasts_as_long_in_every_order(written: str, rng)
 
 def test_dates_that_contradict_each_other_are_no_times() -> None:
     assert parse_clock(np.array(["13/04/2025 10:00", "04/14/2025 10:00"], object)) is None
+
+
+def test_times_are_parsed_once(rng, monkeypatch) -> None:
+    """Every way of joining two files asks for their times again."""
+    start = datetime(2025, 1, 1, tzinfo=UTC) + timedelta(days=int(rng.integers(0, 365)))
+    minutes = np.sort(rng.choice(np.arange(1, 1000), 9, replace=False))
+    times = [(start + timedelta(minutes=int(minute))).isoformat(" ") for minute in minutes]
+    parse, parsed = pd.to_datetime, []
+
+    def counted(series: pd.Series, **options: object) -> object:
+        parsed.append(len(series))
+        return parse(series, **options)
+
+    monkeypatch.setattr(pd, "to_datetime", counted)
+    first = parse_clock(np.array(times, object))
+    again = parse_clock(np.array([f" {time}" for time in times], object))
+    assert first is not None
+    np.testing.assert_array_equal(first, again)
+    np.testing.assert_allclose(first, 60.0 * (minutes - minutes[0]))
+    assert parsed == [len(times)]
+    other = parse_clock(np.array([*times[:-1], times[0]], object))
+    assert other is not None
+    assert other[-1] == 0
