@@ -48,6 +48,8 @@ def write_cause(cause: Cause) -> str:
     if found is None:
         return round_numbers(str(cause))
     name, constant = found
+    if name == "since_rest_s":
+        return f"{SETTLING} {_write_duration(constant)} after each rest"
     if name == "time_s":
         return f"{SETTLING} {_write_duration(constant)}"
     return f"{SETTLING} {write_percent(constant)} of the campaign"

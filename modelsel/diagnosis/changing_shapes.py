@@ -10,8 +10,8 @@ from dataclasses import replace
 from ..fitting.problem import Problem
 from ..mechanisms.causes import Cause
 from ..mechanisms.terms import Mechanism, Screw, Term
+from .campaign_clocks import build_warming_causes
 from .driver_functions import IN_TIME
-from .unregistered import build_warming_causes
 
 # terms from which a finding is a free function, whose changes are asked elsewhere
 MOST_TERMS = 4

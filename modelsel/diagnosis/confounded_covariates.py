@@ -24,10 +24,10 @@ from ..mechanisms.causes import Applied, Bump, Cause, Combined, Named, Number
 from ..mechanisms.environment import PROGRESS, step_after
 from ..mechanisms.motors import joint_axis
 from ..mechanisms.terms import Mechanism, Screw, Term
+from .campaign_clocks import WARM_UP_SHARES, build_warm_ups, choose_clock
 from .candidate_kinds import CandidateKind
 from .covariate_jumps import MOST_STEPS, find_stretch, list_moments, measure_jumps, say_moments
 from .driver_functions import IN_TIME
-from .unregistered import WARM_UP_SHARES, build_warm_ups, choose_clock
 from .warm_ups import WARM_UPS
 
 # share of a covariate's variance, explained by the sessions and the course of the campaign, from which

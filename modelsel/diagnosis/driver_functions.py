@@ -6,7 +6,7 @@ from ..fitting.problem import Problem
 from ..mechanisms.causes import Applied, Cause, Named
 
 # names of the course of a campaign
-IN_TIME = frozenset(("progress", "time_s"))
+IN_TIME = frozenset(("progress", "time_s", "since_rest_s"))
 # how far a driver goes beyond the linear part of what levels off, at the ends of its range
 LEVELS_OFF = 2.0
 # range of readings [rad, mm] of a joint that stands still: what changes there is the encoder's noise

@@ -12,9 +12,10 @@ from ..fitting.problem import Problem
 from ..mechanisms.causes import Cause, cos, sin
 from ..mechanisms.terms import Mechanism, Screw, Term
 from ..mechanisms.waves import find_common_wave
+from .campaign_clocks import choose_clock
 from .candidate_kinds import CandidateKind
 from .distinct_places import Place
-from .unregistered import Unregistered, choose_clock, list_distinct_places
+from .unregistered import Unregistered, list_distinct_places
 
 # waves over the whole campaign that are looked for, how far these are apart, and the steps between
 # them once one is found
@@ -22,6 +23,8 @@ COUNTS = (0.5, 1.0, 1.5, 2.0, 2.5)
 SPACING = 0.5
 STEP = 0.02
 DIGITS = 2
+# largest gap between rows, in shares of a wave's period
+LARGEST_GAP = 0.25
 
 
 def generate_time_waves(problem: Problem) -> Iterator[Unregistered]:
@@ -30,9 +33,10 @@ def generate_time_waves(problem: Problem) -> Iterator[Unregistered]:
     clock, duration = choose_clock(problem)
     if not duration:
         return
+    counts = [count for count in COUNTS if _is_covered(problem, clock, duration / count)]
     weight = 1 / len(COUNTS)
     for place in list_distinct_places(problem):
-        for count in COUNTS:
+        for count in counts:
             wave = _build_wave(place, count, clock, duration)
             yield Unregistered(wave, CandidateKind.TIME_WAVE, weight)
 
@@ -48,8 +52,16 @@ def generate_finer_time_waves(problem: Problem, found: Mechanism) -> Iterator[Me
     steps = round(SPACING / STEP)
     for k in range(1 - steps, steps):
         count = round(own + k * STEP, DIGITS)
-        if k and count > 0:
+        if k and count > 0 and _is_covered(problem, clock, duration / count):
             yield _build_wave(places[0], count, clock, duration)
+
+
+def _is_covered(problem: Problem, clock: Cause, period: float) -> bool:
+    """Return whether rows cover a wave: one that runs through long gaps may be of any size there."""
+    times = np.unique(clock.of(problem.state))
+    gaps = np.diff(times)
+    widest = gaps.max(initial=0.0)
+    return bool(widest <= LARGEST_GAP * period)
 
 
 def _build_wave(place: Place, count: float, clock: Cause, duration: float) -> Mechanism:

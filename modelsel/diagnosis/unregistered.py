@@ -18,12 +18,13 @@ from ..measurements.reference_temperature import TEMPERATURE
 from ..measurements.state_names import parse_state_name
 from ..mechanisms.causes import Applied, Bump, Cause, Named, cos, q, sign, sin, torque
 from ..mechanisms.drives import RIPPLING_PARTS, WAVES, wave_terms
-from ..mechanisms.environment import PROGRESS, temperature_rise
+from ..mechanisms.environment import temperature_rise
 from ..mechanisms.gravity_effects import forearm_lever, upper_arm_lever
 from ..mechanisms.terms import Mechanism, Screw, Term
 from ..robot.gravity import find_arm_pair, find_gravity_joints
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
+from .campaign_clocks import build_warming_causes
 from .candidate_kinds import CandidateKind
 from .distinct_places import Place, find_frames
 from .slide_waves import generate_pitch_waves
@@ -42,8 +43,6 @@ MIN_INTERVALS, MIN_READINGS = 4, 2
 BETWEEN = tuple(k + part for k in range(3, 60) for part in (0.25, 0.5, 0.75))
 # prior weight of rarer explanations (waves between whole numbers, free functions); a cell has 1
 RARE_WEIGHT = 0.1
-# time constants of a warm-up, in shares of the campaign
-WARM_UP_SHARES = (0.05, 0.1, 0.25, 0.5)
 
 
 class Unregistered(NamedTuple):
@@ -165,46 +164,6 @@ def _causes_of_gravity(robot: Robot) -> Iterator[Causes]:
         yield (forearm_lever(pair),)
         yield (upper_arm_lever(pair),)
         yield (sign(forearm_lever(pair)),)
-
-
-def build_warming_causes(problem: Problem) -> Causes:
-    """List drift and exponential warm-up.
-
-    They follow the clock where the data have one, else the place in the order of motion."""
-    clock, _ = choose_clock(problem)
-    warm_ups = build_warm_ups(problem, WARM_UP_SHARES)
-    if clock != PROGRESS:
-        return warm_ups
-    return (clock, *warm_ups)
-
-
-def build_warm_ups(problem: Problem, shares: Iterable[float]) -> Causes:
-    """List exponential warm-ups whose time constants are some shares of the campaign."""
-    clock, duration = choose_clock(problem)
-    if not duration:
-        return ()
-    warm_ups = []
-    for share in shares:
-        constant = float(f"{share * duration:.6g}")
-        since = clock / -constant
-        warm_up = Applied("exp", since)
-        warm_ups.append(warm_up)
-    return tuple(warm_ups)
-
-
-def choose_clock(problem: Problem) -> tuple[Cause, float]:
-    """Choose what tells the time since the campaign began, and how long that was.
-
-    It is the clock where the data have one, else the place in the order of motion."""
-    covariates = problem.data.covariates
-    if "time_s" not in covariates:
-        return PROGRESS, 1.0
-    time = covariates["time_s"]
-    start = float(time.min())
-    clock: Cause = Named("time_s", "s")
-    if start:
-        clock = clock - start
-    return clock, float(np.ptp(time))
 
 
 def _causes_of_covariates(problem: Problem) -> Iterator[Causes]:

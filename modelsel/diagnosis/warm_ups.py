@@ -13,9 +13,10 @@ import numpy as np
 from .._typing import Array
 from ..fitting.problem import Problem
 from ..mechanisms.terms import Mechanism
+from .campaign_clocks import WARM_UP_SHARES, Clock, build_warm_ups, choose_clock, choose_rest_clock
 from .cause_words import find_constant_of
 from .distinct_places import Place
-from .unregistered import WARM_UP_SHARES, build_cell, build_warm_ups, choose_clock
+from .unregistered import build_cell
 
 # time constants in shares of the campaign: so near one another that what lies between two of them leaves
 # less than a thousandth of its variance
@@ -44,7 +45,7 @@ def generate_finer_warm_ups(problem: Problem, found: Mechanism) -> Iterator[Mech
     """Generate warm-ups whose constants lie between those of a found one's neighbours. None for any
     other finding."""
     own = find_time_constant(found)
-    _, duration = choose_clock(problem)
+    clock, duration = _choose_clock_of(problem, found)
     if own is None or not duration:
         return
     share = own / duration
@@ -53,18 +54,35 @@ def generate_finer_warm_ups(problem: Problem, found: Mechanism) -> Iterator[Mech
         factor = FACTOR ** (step / FINER**depth)
         near += [share * factor, share / factor]
     (place,) = found.names_by_place()
-    yield from _generate(problem, place, sorted(near), found)
+    for warm_up in _generate(problem, place, sorted(near), (clock, duration)):
+        if warm_up != found:
+            yield warm_up
+
+
+def _choose_clock_of(problem: Problem, found: Mechanism) -> Clock:
+    """Choose the clock by which a warm-up settles."""
+    rested = choose_rest_clock(problem)
+    if rested is not None and found.names() == rested[0].names():
+        return rested
+    return choose_clock(problem)
 
 
 def fit_warm_up(problem: Problem, place: Place, course: Array) -> Mechanism | None:
     """Fit a warm-up of one place, beside a constant, to a course (m,) in time: its time constant to a few
-    thousandths. None where there is no time."""
+    thousandths. It may start afresh where the arm stood for long. None where there is no time."""
+    clocks = [choose_clock(problem)]
+    rested = choose_rest_clock(problem)
+    if rested is not None:
+        clocks.append(rested)
+    fitted = [_fit_by_clock(problem, place, course, clock) for clock in clocks if clock[1]]
+    return min(fitted, key=lambda one: _measure_misfit(problem, one, course), default=None)
+
+
+def _fit_by_clock(problem: Problem, place: Place, course: Array, clock: Clock) -> Mechanism:
+    """Fit a warm-up of one place by one clock."""
     shares: Sequence[float] = WARM_UPS
-    best: Mechanism | None = None
     for digits in range(ROUNDS + 1):
-        warm_ups = list(_generate(problem, place, shares, None))
-        if not warm_ups:
-            return None
+        warm_ups = list(_generate(problem, place, shares, clock))
         misfits = [_measure_misfit(problem, one, course) for one in warm_ups]
         nearest = int(np.argmin(misfits))
         best = warm_ups[nearest]
@@ -89,10 +107,8 @@ def _measure_misfit(problem: Problem, warm_up: Mechanism, course: Array) -> floa
 
 
 def _generate(
-    problem: Problem, place: Place, shares: Sequence[float], found: Mechanism | None
+    problem: Problem, place: Place, shares: Sequence[float], clock: Clock
 ) -> Iterator[Mechanism]:
-    """Generate the warm-ups of a place but for a found one."""
-    for cause in build_warm_ups(problem, shares):
-        warm_up = build_cell(place, (cause,))
-        if warm_up != found:
-            yield warm_up
+    """Generate the warm-ups of a place by a clock."""
+    for cause in build_warm_ups(problem, shares, clock):
+        yield build_cell(place, (cause,))

@@ -11,12 +11,15 @@ import numpy as np
 from .._linalg import TINY
 from .._typing import Array, Rows
 from ..exceptions import StudyError
+from ..measurements.clock_history import LAGS
 from ..measurements.measurements import Measurements
+from ..measurements.reference_temperature import TEMPERATURE
 from ..measurements.state_names import (
     StateKind,
     StateVariable,
     covariate_unit,
     describe_state_name,
+    name_late,
     parse_state_name,
     state_units,
 )
@@ -36,6 +39,8 @@ MEASURED = (
     StateKind.MOVE,
     StateKind.DRAG,
     StateKind.RATE,
+    StateKind.SINCE_REST,
+    StateKind.LATE,
 )
 Placement = tuple[Array, Array]
 Bound = tuple[Robot, Measurements, Array, Placement, tuple[float, float, float]]
@@ -93,7 +98,11 @@ class StateVariables:
     @cached_property
     def _units(self) -> dict[str, str]:
         covariates = {name: covariate_unit(name) for name in self.data.covariates}
-        return state_units(self.robot) | covariates
+        units = state_units(self.robot) | covariates
+        if TEMPERATURE not in covariates:
+            for lag in LAGS:
+                del units[name_late(lag)]
+        return units
 
     def value(self, name: str) -> Array:
         """Return the values (m,) of a name. Raises StudyError for one that there is not."""
@@ -160,6 +169,8 @@ def _inputs(data: Measurements) -> tuple[object, ...]:
         data.path,
         data.on_path,
         data.rate,
+        data.since_rest,
+        data.late_temperature,
         data.progress,
         data.target,
         data.group,
@@ -221,6 +232,26 @@ def _rates(state: StateVariables) -> Values:
         readings = state.data.q
         rates = np.zeros(readings.shape)
     return _by_joint(StateKind.RATE, rates)
+
+
+def _since_rest(state: StateVariables) -> Values:
+    """Return how long the arm has been at work: not at all where there is no clock."""
+    data = state.data
+    since = data.since_rest
+    if since is None:
+        since = np.zeros(len(data))
+    return {StateVariable(StateKind.SINCE_REST): since}
+
+
+def _late_temperatures(state: StateVariables) -> Values:
+    """Return the temperature as slow masses have it: as it is where nothing went before."""
+    data = state.data
+    late = data.late_temperature
+    if late is None:
+        steady = state.value(TEMPERATURE)
+        late = np.repeat(steady[:, None], len(LAGS), axis=1)
+    columns = zip(LAGS, late.T, strict=True)
+    return {StateVariable(StateKind.LATE, lag=lag): column for lag, column in columns}
 
 
 def _target(state: StateVariables) -> Values:
@@ -350,6 +381,8 @@ EVALUATORS: dict[StateKind, Callable[[StateVariables], Values]] = {
     StateKind.APPROACH: _approaches,
     StateKind.MOVE: _moves,
     StateKind.RATE: _rates,
+    StateKind.SINCE_REST: _since_rest,
+    StateKind.LATE: _late_temperatures,
     StateKind.TORQUE: _link_moments,
     StateKind.BASE_MOMENT: _base_moment,
     StateKind.DOWN: _down,

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
+from .._typing import Array
+
 # units by how people write them, as the names of this program's columns have them
 UNIT_WORDS = {
     **dict.fromkeys(("°", "º", "deg", "degs", "degree", "degrees", "grad°"), "deg"),
@@ -220,3 +222,10 @@ def _find_quantity(words: list[str]) -> tuple[str | None, int | None, str, list[
         if word.removeprefix("p") in ("x", "y", "z"):
             return word.removeprefix("p"), None, word[:-1], rest
     return None, None, "", words
+
+
+def name_columns(names: str, values: Array) -> dict[str, Array]:
+    """Name the columns of an array (m, k) by k words."""
+    columns = values.T
+    named = zip(names.split(), columns, strict=True)
+    return dict(named)

@@ -16,11 +16,13 @@ from ..exceptions import DataError, count_words
 from ..notices import Note
 from ..robot.coupling import Coupling, readings_of
 from ..robot.rigid import to_quaternion
+from .clock_history import derive_late, derive_since_rest
+from .column_names import name_columns
 from .features import COORDINATES, KINDS, Feature, KindColumns, add_kind_columns, collect_features
 from .joint_path import JointPath
 from .motion import APPROACH_FROM_ORDER, MeasuredRows, Waypoints, describe_motion, trace_motion
 from .rates import derive_rates
-from .reference_temperature import REFERENCE, choose_reference
+from .reference_temperature import REFERENCE, TEMPERATURE, choose_reference
 from .row_order import compute_progress
 from .row_places import Where
 from .visits import count_distinct, number_blocks, number_keys
@@ -110,6 +112,11 @@ class Measurements:
     rate: Array | None = None
     path: JointPath | None = None  # through all visits; None where directions of approach are given
     on_path: Index | None = None  # (m,) place of each row's visit on it
+    since_rest: Array | None = (
+        None  # (m,) s since the arm last stood for long; None without a clock
+    )
+    # (m, L) °C, temperature as masses of the time constants LAGS have it; None without a clock
+    late_temperature: Array | None = None
 
     def __len__(self) -> int:
         return len(self.position)
@@ -201,15 +208,15 @@ class Measurements:
         are."""
         columns = dict[str, Array]()
         if not np.isnan(self.position).all():
-            columns |= _name_columns("x_mm y_mm z_mm", self.position)
+            columns |= name_columns("x_mm y_mm z_mm", self.position)
         if self.sigma is not None:
-            columns |= _name_columns("sx_mm sy_mm sz_mm", self.sigma)
+            columns |= name_columns("sx_mm sy_mm sz_mm", self.sigma)
         if self.rotation is not None:
             quaternion = to_quaternion(self.rotation)
-            columns |= _name_columns("qw qx qy qz", quaternion)
+            columns |= name_columns("qw qx qy qz", quaternion)
         if self.sigma_rotation is not None:
             names = "srx_rad sry_rad srz_rad"
-            columns |= _name_columns(names, self.sigma_rotation)
+            columns |= name_columns(names, self.sigma_rotation)
         return columns
 
     def _label_columns(self) -> dict[str, NDArray[np.object_]]:
@@ -265,13 +272,6 @@ class Measurements:
         frame = self.to_frame()
         table = frame.to_html(max_rows=6, max_cols=10, float_format="%.4g")
         return f"<p>{self!r}</p>{table}"
-
-
-def _name_columns(names: str, values: Array) -> dict[str, Array]:
-    """Name the columns of an array (m, k) by k words."""
-    columns = values.T
-    named = zip(names.split(), columns, strict=True)
-    return dict(named)
 
 
 @dataclass(frozen=True, eq=False)
@@ -346,6 +346,8 @@ def build_measurements(
         rate=derive_rates(readings_of(coupling, q), group_index, motion.visit, time),
         path=motion.find_path(given),
         on_path=motion.on_path,
+        since_rest=derive_since_rest(group_index, time),
+        late_temperature=derive_late(group_index, time, covariates.get(TEMPERATURE)),
     )
     return data if kinds is None else _add_kinds(data, kinds)
 

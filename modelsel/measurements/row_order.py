@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from .._typing import Array
 from ..notices import Note
+from .clock_history import number_clocks
 from .row_places import Where
 
 Index = NDArray[np.intp]
@@ -36,19 +37,13 @@ def _after_one_another(group: Index, time: Array | None) -> Index:
     else as they are."""
     if time is None or not len(group):
         return group
+    clocks = number_clocks(group, time)
+    if clocks.any():
+        return group
     groups = group.max() + 1
     first = np.full(groups, np.inf)
-    last = np.full(groups, -np.inf)
     np.minimum.at(first, group, time)
-    np.maximum.at(last, group, time)
     by_clock = np.argsort(first, kind="stable")
-    earlier = by_clock[:-1]
-    later = by_clock[1:]
-    ends = last[earlier]
-    next_starts = first[later]
-    overlaps = next_starts < ends
-    if overlaps.any():
-        return group
     # place of each group by the clock
     place: Index = np.argsort(by_clock)
     return place[group]

@@ -16,27 +16,15 @@ from itertools import product
 from math import log
 
 from ..robot.kinematics import Robot
+from .clock_history import LAGS
+from .preferred_numbers import list_preferred
+from .reference_temperature import TEMPERATURE
 
 THOUSAND = 1000.0  # mrad in a rad, µm in a mm
-# preferred numbers of ISO 3, R 40
-PREFERRED = (
-    *(100, 106, 112, 118, 125, 132, 140, 150, 160, 170, 180, 190, 200, 212, 224, 236, 250, 265),
-    *(280, 300, 315, 335, 355, 375, 400, 425, 450, 475, 500, 530, 560, 600, 630, 670, 710, 750),
-    *(800, 850, 900, 950),
-)
-
-
-def _list_preferred(least: int, most: int) -> dict[int, None]:
-    """List the preferred numbers from one to another, as whole numbers in their order."""
-    decades = (0.01, 0.1, 1.0, 10.0, 100.0)
-    numbers = {round(decade * number) for decade in decades for number in PREFERRED}
-    return dict.fromkeys(number for number in sorted(numbers) if least <= number <= most)
-
-
 # widths up to which a joint gets ahead of what it drags along: of one that turns [mrad], and of a
 # slide [µm]
-TURNED = _list_preferred(4, 1400)
-SLID = _list_preferred(200, 90_000)
+TURNED = list_preferred(4, 1400)
+SLID = list_preferred(200, 90_000)
 
 
 DRAG_NAME = re.compile(r"drag(?P<joint>\d{1,3})(_(?P<width>\d{1,9}))?")
@@ -64,6 +52,8 @@ class StateKind(Enum):
     MOVE = "size of a joint's last motion"
     DRAG = "how far a joint is ahead of what it drags along"
     RATE = "how fast a joint moves"
+    SINCE_REST = "how long the arm has been at work"
+    LATE = "temperature as a slow mass has it"
     TORQUE = "gravity torque about a joint's axis"
     BASE_MOMENT = "moment of the arm's weight about frame 0"
     DOWN = "direction of gravity in the target's frame"
@@ -75,14 +65,16 @@ class StateKind(Enum):
 @dataclass(frozen=True)
 class StateVariable:
     """One quantity of the state: its kind, and where its name has them the joint (from 1), the
-    axis ("x", "y" or "z"), the frame (from 2) at whose origin 1 kg is thought to hang, and the width
-    [mrad or µm] up to which a joint gets ahead of what it drags along."""
+    axis ("x", "y" or "z"), the frame (from 2) at whose origin 1 kg is thought to hang, the width
+    [mrad or µm] up to which a joint gets ahead of what it drags along, and the lag [min] of a mass
+    that follows the temperature."""
 
     kind: StateKind
     joint: int | None = None
     axis: str | None = None
     frame: int | None = None
     width: int | None = None
+    lag: int | None = None
 
     @property
     def family(self) -> StateFamily:
@@ -105,7 +97,9 @@ class StateVariable:
         return 1.0 if self.width is None else self.width / THOUSAND
 
     def _fill(self, template: str) -> str:
-        return template.format(joint=self.joint, axis=self.axis, frame=self.frame, width=self.width)
+        return template.format(
+            joint=self.joint, axis=self.axis, frame=self.frame, width=self.width, lag=self.lag
+        )
 
     def unit(self, robot: Robot) -> str:
         """Return the unit on an arm, "1" where it has none."""
@@ -130,6 +124,8 @@ class StateVariable:
         frame = self.frame or last_frame
         if not 1 <= joint <= robot.n:
             return False
+        if self.lag is not None and self.lag not in LAGS:
+            return False
         if self.width is not None and self.width not in list_widths(robot, joint):
             return False
         return joint < frame <= last_frame
@@ -137,8 +133,8 @@ class StateVariable:
 
 @dataclass(frozen=True)
 class StateFamily:
-    """How the names of one kind are written: `template` with {joint}, {axis} (one of `axes`), {frame}
-    and {width}, and `words` for sentences with the same; `unit`, None where it depends on the joint;
+    """How the names of one kind are written: `template` with {joint}, {axis} (one of `axes`), {frame},
+    {width} and {lag}, and `words` for sentences with the same; `unit`, None where it depends on the joint;
     `by_gravity`: only where the direction of gravity is known."""
 
     kind: StateKind
@@ -156,6 +152,7 @@ class StateFamily:
             "axis": f"(?P<axis>[{self.axes}])",
             "frame": r"(?P<frame>\d+)",
             "width": r"(?P<width>\d+)",
+            "lag": r"(?P<lag>\d+)",
         }
         return re.compile(self.template.format(**groups))
 
@@ -173,9 +170,10 @@ class StateFamily:
         if "{width}" in template:
             slides = any(robot.prismatic)
             widths = (TURNED | SLID) if slides else TURNED
-        indices = product(joints, frames, axes, widths)
-        for joint, frame, axis, width in indices:
-            variable = StateVariable(self.kind, joint, axis, frame, width)
+        lags: Iterable[int | None] = LAGS if "{lag}" in template else (None,)
+        indices = product(joints, frames, axes, widths, lags)
+        for joint, frame, axis, width, lag in indices:
+            variable = StateVariable(self.kind, joint, axis, frame, width, lag)
             if variable.exists(robot):
                 yield variable
 
@@ -208,6 +206,12 @@ FAMILIES = (
         None,
     ),
     StateFamily(StateKind.RATE, "rate{joint}", "the speed of joint {joint}", None),
+    StateFamily(
+        StateKind.SINCE_REST, "since_rest_s", "the time since the arm last stood for long", "s"
+    ),
+    StateFamily(
+        StateKind.LATE, "temperature_{lag}_min_late", "the temperature {lag} min late", "°C"
+    ),
     StateFamily(
         StateKind.TORQUE,
         "torque{joint}",
@@ -305,6 +309,22 @@ def parse_state_name(name: str) -> StateVariable | None:
             numbers = {part: int(digits) for part, digits in parts.items()}
             return StateVariable(family.kind, axis=axis, **numbers)
     return None
+
+
+def list_sources(names: Iterable[str]) -> frozenset[str]:
+    """List the names that values follow from: of a temperature that is late the column, of any other the
+    name itself."""
+    return frozenset(TEMPERATURE if state_kind(name) is StateKind.LATE else name for name in names)
+
+
+def is_temperature(name: str) -> bool:
+    """Return whether a name is of the temperature, as it is or late."""
+    return list_sources([name]) == {TEMPERATURE}
+
+
+def name_late(lag: int) -> str:
+    """Name the temperature as a mass of some time constant [min] has it."""
+    return StateVariable(StateKind.LATE, lag=lag).name
 
 
 def describe_state_name(name: str) -> str:

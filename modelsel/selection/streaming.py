@@ -35,8 +35,16 @@ from .cross_validation import CrossValidation, FoldedData, cross_validate, pad_b
 # `map`, or a cluster's equivalent; results in the items' order
 Mapper = Callable[[Callable[[Any], Any], Sequence[Any]], Iterable[Any]]
 # state variables that depend on other parts: the place in the campaign, the group's number, the
-# last move, the way that a joint came, the speed
-GLOBAL_KINDS = (StateKind.PROGRESS, StateKind.GROUP, StateKind.MOVE, StateKind.DRAG, StateKind.RATE)
+# last move, the way that a joint came, the speed, and what the clock says of the rows before
+GLOBAL_KINDS = (
+    StateKind.PROGRESS,
+    StateKind.GROUP,
+    StateKind.MOVE,
+    StateKind.DRAG,
+    StateKind.RATE,
+    StateKind.SINCE_REST,
+    StateKind.LATE,
+)
 
 
 def hash_folds(data: Measurements, count: int, by: str = "configuration") -> Index:

@@ -7,12 +7,13 @@ import pytest
 from builders import drawn, measured, seeds
 from searches import search_separated
 
+from modelsel.diagnosis.campaign_clocks import build_warm_ups
 from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate, build_candidates
 from modelsel.diagnosis.signatures import read_signatures
 from modelsel.diagnosis.told_first import find_constant, sum_constants
 from modelsel.diagnosis.unlisted_shapes import list_rivals
-from modelsel.diagnosis.unregistered import build_cell, build_warm_ups
+from modelsel.diagnosis.unregistered import build_cell
 from modelsel.diagnosis.warm_ups import (
     APART,
     find_time_constant,

@@ -36,6 +36,7 @@ GIVEN_KINDS = (
     StateKind.DRAG,
     StateKind.RATE,
     StateKind.PROGRESS,
+    StateKind.SINCE_REST,
 )
 
 

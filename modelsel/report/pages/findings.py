@@ -49,7 +49,7 @@ LEVELS = (
 # covariates or kinds of state in a cause, how to measure again
 REMEDIES: tuple[tuple[set[object], str], ...] = (
     (
-        {StateKind.PROGRESS, "time_s", "temperature_C"},
+        {StateKind.PROGRESS, StateKind.SINCE_REST, StateKind.LATE, "time_s", "temperature_C"},
         "measured again at another time of the campaign",
     ),
     (
