@@ -12,7 +12,7 @@ import numpy as np
 from ..exceptions import sentence_list
 from ..measurements.measurements import Measurements
 from ..measurements.reference_temperature import TEMPERATURE
-from ..measurements.state_names import is_state_name
+from ..measurements.state_names import is_state_name, list_sources
 from ..mechanisms.environment import find_references
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ def find_assumed(c: Calibration) -> dict[str, float]:
     firm = set[str]()
     for mechanism in c.model.mechanisms:
         if mechanism.name not in c.doubtful:
-            firm |= mechanism.names()
+            firm |= list_sources(mechanism.names())
     names = sorted(c.needs() - firm)
     return {
         name: _choose_value(c, name)
@@ -69,7 +69,7 @@ def describe_assumed(c: Calibration, data: Measurements) -> list[str]:
     for name, value in find_assumed(c).items():
         if name in data.covariates:
             continue
-        looking = [m.name for m in c.model.mechanisms if name in m.names()]
+        looking = [m.name for m in c.model.mechanisms if name in list_sources(m.names())]
         names = sentence_list(looking)
         sentences.append(
             f"{name} is not in the file and taken as {value:.4g}: {names}, which alone "

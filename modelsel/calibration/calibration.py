@@ -24,6 +24,7 @@ from ..fitting.noise import Floor
 from ..fitting.problem import Problem
 from ..measurements.file_form import FileForm
 from ..measurements.measurements import Measurements
+from ..measurements.state_names import list_sources
 from ..mechanisms.causes import Member
 from ..mechanisms.step_moments import list_step_moments
 from ..mechanisms.terms import Term
@@ -121,7 +122,7 @@ class Calibration:
         names = set[str]()
         for mechanism in self.model.mechanisms:
             names |= mechanism.names()
-        return frozenset(names)
+        return list_sources(names)
 
     def predict(self, measurements: Measurements | Source | Array | Sequence[Any]) -> Array:
         """Predict where the calibrated robot has the target at measured or planned configurations:

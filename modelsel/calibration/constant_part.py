@@ -14,9 +14,10 @@ from ..fitting.design import PLACE
 from ..fitting.problem import Problem
 from ..measurements.joint_path import JointPath
 from ..measurements.measurements import Measurements, build_measurements
-from ..measurements.state_names import StateKind, is_state_name, parse_state_name
+from ..measurements.reference_temperature import TEMPERATURE
+from ..measurements.state_names import StateKind, is_state_name, is_temperature, parse_state_name
 from ..mechanisms.cause_functions import FUNCTIONS
-from ..mechanisms.causes import ARITHMETIC, ONE, Applied, Cause, Combined, Member, Number
+from ..mechanisms.causes import ARITHMETIC, ONE, Applied, Cause, Combined, Member, Named, Number
 from ..mechanisms.terms import Screw, Term
 from ..robot.kinematics import Robot
 from ..robot.rigid import rotation_matrix, transform
@@ -108,7 +109,7 @@ def fix_members(cause: Cause, target: int) -> Cause:
         argument = fix_members(cause.argument, target)
         return _apply(cause.function, argument)
     if not isinstance(cause, Combined):
-        return cause
+        return _drop_lag(cause)
     left = fix_members(cause.left, target)
     right = fix_members(cause.right, target)
     none = Number(0.0)
@@ -121,6 +122,14 @@ def fix_members(cause: Cause, target: int) -> Cause:
             number = operate(left.number, right.number)
         return Number(float(number))
     return _combine(cause.operator, left, right)
+
+
+def _drop_lag(cause: Cause) -> Cause:
+    """Return a temperature that is late as it is: before one configuration nothing is known to have
+    been."""
+    if isinstance(cause, Named) and is_temperature(cause.name):
+        return Named(TEMPERATURE, cause.dimension)
+    return cause
 
 
 def _combine(operator: str, left: Cause, right: Cause) -> Cause:

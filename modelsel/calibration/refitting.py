@@ -22,6 +22,7 @@ from ..fitting.design import Model, residuals
 from ..fitting.least_squares import Fit
 from ..measurements.measurements import Gauges
 from ..measurements.reference_temperature import TEMPERATURE
+from ..measurements.state_names import list_sources
 from ..mechanisms.environment import INSTRUMENT_MOVES
 from ..mechanisms.geometry import SETUP
 from ..mechanisms.terms import Term, TermKey
@@ -192,7 +193,8 @@ def _summarise_sides(split: Split, left: Array) -> tuple[float | None, float | N
 
 def _find_mean_temperature(split: Split, model: Model) -> float | None:
     """Find the mean temperature of the rows that fit; None where a model does not look at it."""
-    if not any(TEMPERATURE in mechanism.names() for mechanism in model.mechanisms):
+    named = [list_sources(mechanism.names()) for mechanism in model.mechanisms]
+    if not any(TEMPERATURE in names for names in named):
         return None
     data = split.problem.data
     warm = data.covariates.get(TEMPERATURE)

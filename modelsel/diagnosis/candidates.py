@@ -10,7 +10,6 @@ that, and the others share what it leaves."""
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
@@ -29,11 +28,11 @@ from .candidate_kinds import NAMED_IN_WORDS, CandidateKind
 from .cause_words import write_cause
 from .data_faults import FaultKind, find_fault_kind
 from .joint_shapes import generate_joint_shapes
+from .late_temperatures import generate_campaign_cells
 from .options import DEFAULT_OPTIONS, DiagnosisOptions
 from .own_candidates import OwnCandidates, Screws, select_beyond
-from .prior_weights import weigh_names
+from .prior_weights import share_constants, weigh_names
 from .scanned_constants import drop_equal_constants
-from .time_waves import generate_time_waves
 from .unregistered import (
     Unregistered,
     build_cell_causes,
@@ -187,7 +186,7 @@ def build_candidates(
         within = exceeds_cell_limit(problem, options)
         offered = chain(
             generate_unregistered(problem, adjacent_only=within),
-            generate_time_waves(problem),
+            generate_campaign_cells(problem),
             generate_joint_shapes(problem),
             generate_arm_shapes(problem),
         )
@@ -313,16 +312,13 @@ def _share_of_registered(any_registered: bool, any_unregistered: bool) -> float:
 def _weigh_registered(
     mechanisms: Sequence[Mechanism], share: float, weights: Mapping[str, float], asked: bool
 ) -> Iterable[Candidate]:
-    constants = Counter(m.name for m in mechanisms)
     weight = weigh_names(mechanisms, weights)
     total = sum(weight.values())
-    for m in mechanisms:
+    parts = share_constants(mechanisms)
+    for m, part in zip(mechanisms, parts, strict=True):
         share_of_name = share * weight[m.name] / total
         yield Candidate(
-            mechanism=m,
-            kind=CandidateKind.MECHANISM,
-            prior=share_of_name / constants[m.name],
-            asked=asked,
+            mechanism=m, kind=CandidateKind.MECHANISM, prior=share_of_name * part, asked=asked
         )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from .._short_numbers import round_numbers
 from ..exceptions import write_percent, write_rounded
 from ..measurements.reference_temperature import TEMPERATURE
-from ..measurements.state_names import needs_gravity, parse_state_name
+from ..measurements.state_names import is_temperature, needs_gravity, parse_state_name
 from ..mechanisms.causes import Applied, Cause, Combined, Named, Number
 from ..mechanisms.terms import Mechanism
 from .driver_functions import IN_TIME
@@ -91,6 +91,6 @@ def _find_proportional(mechanism: Mechanism) -> str:
     match cause:
         case Named(name) if needs_gravity(name) or name in COLUMNS:
             return name_driver(name)
-        case Combined("-", Named(name), Number(start)) if name == TEMPERATURE:
+        case Combined("-", Named(name), Number(start)) if is_temperature(name):
             return f"{name_driver(name)}, counted from {start:g} °C"
     return ""

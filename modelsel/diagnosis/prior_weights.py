@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
+from ..measurements.state_names import StateKind, state_kind
 from ..mechanisms.moved_targets import find_moved_targets
 from ..mechanisms.terms import Mechanism
 
@@ -51,3 +52,16 @@ def weigh_names(mechanisms: Sequence[Mechanism], weights: Mapping[str, float]) -
         count = sharing[stem]
         weighed[name] /= count
     return weighed
+
+
+def share_constants(mechanisms: Sequence[Mechanism]) -> list[float]:
+    """Share the prior of every name among its constants: evenly, but that a temperature as it is weighs
+    as much as with all lags together."""
+    forms = [(m.name, _is_late(m)) for m in mechanisms]
+    constants = Counter(forms)
+    sorts = Counter(name for name, _ in constants)
+    return [1 / (sorts[name] * constants[name, late]) for name, late in forms]
+
+
+def _is_late(mechanism: Mechanism) -> bool:
+    return any(state_kind(name) is StateKind.LATE for name in mechanism.names())

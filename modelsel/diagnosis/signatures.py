@@ -11,11 +11,13 @@ from functools import cache
 import numpy as np
 
 from .._typing import Index
+from ..measurements.reference_temperature import TEMPERATURE
 from ..measurements.state_names import StateKind, is_where_target_is, parse_state_name, state_kind
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
 from .data_faults import FaultKind
 from .finer_waves import QUARTER
+from .late_temperatures import is_late
 from .simple_shapes import find_own_wave
 from .warm_ups import find_time_constant
 
@@ -126,12 +128,14 @@ def _is_fixed(name: str) -> bool:
 @cache
 def _name_driver(name: str) -> str:
     """Name what a state variable stands for: a torque, whatever masses make it; what a joint drags
-    along, however far behind; where the target is, however an instrument sees that."""
+    along, however far behind; the temperature, however late; where the target is, however an instrument sees that."""
     if is_where_target_is(name):
         return SEEN
     variable = parse_state_name(name)
     if variable is None:
         return name
+    if variable.kind is StateKind.LATE:
+        return TEMPERATURE
     if variable.kind is StateKind.DRAG:
         of_any_width = replace(variable, width=0)
         return of_any_width.name
@@ -157,6 +161,8 @@ def _read_shape(candidate: Candidate) -> Hashable:
         drivers_by_place = list_drivers_by_place(candidate)
         acts = frozenset(drivers_by_place.items())
         return candidate.kind, acts
+    if is_late(candidate.mechanism) and not candidate.registered:
+        return candidate.kind, "late", frozenset(list_drivers_by_place(candidate).items())
     if candidate.but_for_sign:
         return candidate.but_for_sign[0].name
     return _read_cause(candidate) or candidate.screws

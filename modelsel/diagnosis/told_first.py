@@ -16,6 +16,7 @@ import numpy as np
 from .._typing import Array, Index
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
+from .late_temperatures import is_late
 from .signatures import OF_ONE_SHAPE, read_drivers
 from .warm_ups import find_time_constant
 
@@ -89,6 +90,8 @@ def _differs_in_constant(own: Candidate, other: Candidate) -> bool:
         drivers = read_drivers(own)
         constant = find_time_constant(other.mechanism)
         return constant is not None and read_drivers(other) == drivers
+    if is_late(own.mechanism) and not own.registered:
+        return is_late(other.mechanism) and read_drivers(other) == read_drivers(own)
     if not _is_one_question(own, other):
         return False
     if own.kind in WITH_CONSTANT:

@@ -12,6 +12,8 @@ LAGS = (5, 6, 8, 10, 12, 16, 20, 25, 32, 40, 50, 63, 80, 100, 125, 160)
 MINUTE = 60.0  # s
 # s without a row after which an arm has cooled down: several of its time constants
 REST = 3 * 3600.0
+# correlation with the temperature from which a lag does not show
+ALIKE = 0.98
 
 
 def number_clocks(group: Index, time: Array) -> Index:
@@ -74,6 +76,18 @@ def derive_late(group: Index, time: Array | None, temperature: Array | None) -> 
         followed = _follow(times, means)
         late[rows] = followed[place]
     return late
+
+
+def find_lags(temperature: Array | None, late: Array | None) -> tuple[int, ...]:
+    """Find the lags [min] whose temperatures (m, L) the readings (m,) do not tell already."""
+    if temperature is None or late is None:
+        return ()
+    apart = temperature - temperature.mean()
+    others = late - late.mean(axis=0)
+    size = np.linalg.norm(apart) * np.linalg.norm(others, axis=0)
+    product = apart @ others
+    is_other = product < ALIKE * size
+    return tuple(lag for lag, differs in zip(LAGS, is_other.tolist(), strict=True) if differs)
 
 
 def _follow(times: Array, readings: Array) -> Array:

@@ -9,6 +9,7 @@ from functools import partial
 from typing import TypeGuard
 
 from .._arguments import check_type
+from ..robot.kinematics import Robot
 from . import drives, environment
 from .registry import BUILTIN, REGISTRY_EXPECTED, Entry, Registry, Scanned, build_thermal
 from .target_names import number_targets
@@ -16,15 +17,41 @@ from .target_names import number_targets
 TARGET_STEP = "target-step"
 
 
-def set_reference(registry: Registry, reference: float) -> Registry:
-    """Return the registry with modelsel's own thermal mechanisms counted from a reference [°C]."""
+def set_reference(registry: Registry, reference: float, lags: Sequence[int] = ()) -> Registry:
+    """Return the registry with modelsel's own thermal mechanisms counted from a reference [°C], and of a
+    temperature that is late by some `lags` [min], too."""
     thermal = build_thermal(reference)
+    if lags:
+        thermal = _build_late(reference, (0, *lags))
     counted = dict(registry)
     for name, entry in registry.items():
         is_own = name in thermal and entry is BUILTIN[name]
         if is_own:
             counted[name] = thermal[name]
     return counted
+
+
+def _build_late(reference: float, lags: tuple[int, ...]) -> Registry:
+    """Build the thermal mechanisms of a temperature that is late by any of some lags [min]."""
+    growth = partial(environment.thermal_growth, reference=reference)
+    expansion = partial(environment.late_expansion, reference=reference)
+    zero = partial(environment.thermal_zero, reference=reference)
+    list_lags = partial(_choose_lags, lags=lags)
+    return {
+        "thermal-growth": Scanned(growth, list_lags, environment.growing_links),
+        "thermal-expansion": Scanned(expansion, partial(_choose_of_growing, lags=lags)),
+        "thermal-zero": Scanned(zero, list_lags, drives.all_joints),
+    }
+
+
+def _choose_lags(*at: object, lags: tuple[int, ...]) -> tuple[int, ...]:
+    """Choose the lags: the same for every joint of a robot."""
+    return lags
+
+
+def _choose_of_growing(robot: Robot, lags: tuple[int, ...]) -> tuple[int, ...]:
+    """Choose the lags of an arm that lengthens; none where nothing of it can."""
+    return lags if environment.thermal_expansion(robot) is not None else ()
 
 
 def set_gear_ratios(registry: Registry, ratios: Sequence[float]) -> Registry:

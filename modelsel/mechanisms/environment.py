@@ -10,6 +10,7 @@ import numpy as np
 from .._typing import Array
 from ..exceptions import write_percent
 from ..measurements.reference_temperature import REFERENCE, TEMPERATURE
+from ..measurements.state_names import is_temperature, name_late
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
 from .causes import Applied, Bump, Cause, Combined, Named, Number, shifted, sign
@@ -41,29 +42,38 @@ def _along(robot: Robot, vector: Array, frame: int, cause: Cause) -> tuple[Screw
     return tuple(screws)
 
 
-def temperature_rise(reference: float = REFERENCE) -> Cause:
-    """Return the temperature, counted from the reference [°C]."""
-    temperature = Named(TEMPERATURE, "°C")
+def temperature_rise(reference: float = REFERENCE, lag: int = 0) -> Cause:
+    """Return the temperature, counted from the reference [°C]; with a lag [min] as a mass of this time
+    constant has it."""
+    name = name_late(lag) if lag else TEMPERATURE
+    temperature = Named(name, "°C")
     return shifted(temperature, -reference)
+
+
+def _name_temperature(lag: int) -> str:
+    """Name the temperature that an effect follows, within a sentence."""
+    return f"temperature, {lag} min late" if lag else "temperature"
 
 
 def find_references(cause: Cause) -> frozenset[float]:
     """Find the temperatures [°C] from which a cause counts: none where it does not look at any."""
     match cause:
-        case Combined("-", Named(name), Number(reference)) if name == TEMPERATURE:
+        case Combined("-", Named(name), Number(reference)) if is_temperature(name):
             return frozenset((reference,))
-        case Combined("+", Named(name), Number(reference)) if name == TEMPERATURE:
+        case Combined("+", Named(name), Number(reference)) if is_temperature(name):
             return frozenset((-reference,))
         case Combined(_, left, right):
             return find_references(left) | find_references(right)
         case Applied(_, argument):
             return find_references(argument)
-        case Named(name) if name == TEMPERATURE:
+        case Named(name) if is_temperature(name):
             return frozenset((0.0,))
     return frozenset()
 
 
-def growth_screws(robot: Robot, link: int, reference: float = REFERENCE) -> tuple[Screw, ...]:
+def growth_screws(
+    robot: Robot, link: int, reference: float = REFERENCE, lag: int = 0
+) -> tuple[Screw, ...]:
     """Build the screws that lengthen link `link`: from joint `link` to the next frame (0: from
     frame 0 to joint 1)."""
     before = robot.last
@@ -72,7 +82,7 @@ def growth_screws(robot: Robot, link: int, reference: float = REFERENCE) -> tupl
     rotation = before[:3, :3]
     shift = before[:3, 3]
     length = rotation.T @ shift
-    rise = temperature_rise(reference)
+    rise = temperature_rise(reference, lag)
     return _along(robot, length, link + 1, rise)
 
 
@@ -82,13 +92,15 @@ def growing_links(robot: Robot) -> tuple[int, ...]:
     return tuple(link for link in links if growth_screws(robot, link))
 
 
-def thermal_growth(robot: Robot, link: int, reference: float = REFERENCE) -> Mechanism:
-    """One link lengthens with temperature."""
+def thermal_growth(
+    robot: Robot, link: int, lag: int = 0, *, reference: float = REFERENCE
+) -> Mechanism:
+    """One link lengthens with temperature, with a lag [min] late."""
     return Mechanism(
         f"thermal-growth:{link}",
-        (Term(f"g{link}", growth_screws(robot, link, reference), (1e-6, 1e-4), 1),),
-        f"Link {link} grows with temperature, counted from {reference:g} °C.",
-        f"length of link {link} · (1 + g ({temperature_rise(reference)}))",
+        (Term(f"g{link}", growth_screws(robot, link, reference, lag), (1e-6, 1e-4), 1),),
+        f"Link {link} grows with {_name_temperature(lag)}, counted from {reference:g} °C.",
+        f"length of link {link} · (1 + g ({temperature_rise(reference, lag)}))",
         "ISO 230-3, thermal effects; ISO 1, 20 °C",
         usual_causes=("expansion of its material", "heat of a motor or a gear in it"),
     )
@@ -96,14 +108,19 @@ def thermal_growth(robot: Robot, link: int, reference: float = REFERENCE) -> Mec
 
 def thermal_expansion(robot: Robot, reference: float = REFERENCE) -> Mechanism | None:
     """The whole arm lengthens, one coefficient."""
-    screws = tuple(s for k in range(robot.n + 1) for s in growth_screws(robot, k, reference))
-    if not screws:
+    if not growing_links(robot) and not growth_screws(robot, 0):
         return None
+    return late_expansion(robot, 0, reference=reference)
+
+
+def late_expansion(robot: Robot, lag: int, *, reference: float = REFERENCE) -> Mechanism:
+    """The whole arm lengthens, one coefficient, with a lag [min] late."""
+    screws = tuple(s for k in range(robot.n + 1) for s in growth_screws(robot, k, reference, lag))
     return Mechanism(
         "thermal-expansion",
         (Term("g", screws, (1e-6, 1e-4), 1),),
-        f"The whole arm grows with temperature, counted from {reference:g} °C.",
-        f"every length · (1 + g ({temperature_rise(reference)}))",
+        f"The whole arm grows with {_name_temperature(lag)}, counted from {reference:g} °C.",
+        f"every length · (1 + g ({temperature_rise(reference, lag)}))",
         "ISO 230-3, thermal effects; ISO 1, 20 °C",
         usual_causes=(
             "expansion of its material",
@@ -112,14 +129,16 @@ def thermal_expansion(robot: Robot, reference: float = REFERENCE) -> Mechanism |
     )
 
 
-def thermal_zero(robot: Robot, joint: int, reference: float = REFERENCE) -> Mechanism:
-    """A joint's zero wanders with temperature."""
-    rise = temperature_rise(reference)
+def thermal_zero(
+    robot: Robot, joint: int, lag: int = 0, *, reference: float = REFERENCE
+) -> Mechanism:
+    """A joint's zero wanders with temperature, with a lag [min] late."""
+    rise = temperature_rise(reference, lag)
     term = Term(f"z{joint}", drive_screws(robot, joint, rise), (1e-7, 1e-3))
     return Mechanism(
         f"thermal-zero:{joint}",
         (term,),
-        f"The zero of joint {joint} wanders with temperature, counted from {reference:g} °C.",
+        f"The zero of joint {joint} wanders with {_name_temperature(lag)}, counted from {reference:g} °C.",
         f"θ{joint} = q{joint} + z ({rise})",
         "ISO 230-3, thermal effects; ISO 1, 20 °C",
         usual_causes=(

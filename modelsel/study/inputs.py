@@ -13,9 +13,11 @@ from ..config.readable_part import ReadablePart
 from ..config.study_file import Study, find_data, find_source, read_study
 from ..exceptions import StudyError, count_words
 from ..fitting.problem import Problem
+from ..measurements.clock_history import find_lags
 from ..measurements.measurements import Measurements
 from ..measurements.observation_columns import KnownFeature, apply_known_features
 from ..measurements.reader import read_labels, read_measurements
+from ..measurements.reference_temperature import TEMPERATURE
 from ..measurements.table import load_table, rename_columns
 from ..measurements.text_table import check_file
 from ..mechanisms.campaign_registry import (
@@ -225,7 +227,8 @@ def read_checked(
         labels = read_split_labels(study, folder, measured)
     if robot is not None and measured is not None:
         registry = set_targets(registry, measured.targets)
-        registry = set_reference(registry, measured.reference_celsius)
+        lags = find_lags(measured.covariates.get(TEMPERATURE), measured.late_temperature)
+        registry = set_reference(registry, measured.reference_celsius, lags)
         _check_against_data(study, robot, measured, labels, registry, found)
     return measured, labels, registry
 

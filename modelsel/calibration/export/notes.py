@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from ...exceptions import sentence_list, write_rounded
 from ...measurements.reference_temperature import TEMPERATURE
+from ...measurements.state_names import list_sources
 from ...mechanisms.environment import find_references
 from ..arm_alone import list_instrument_names
 from ..refitting import select_carried
@@ -124,7 +125,9 @@ def _describe_origin(c: Calibration, what: str) -> str:
 def _describe_temperature(c: Calibration, what: str) -> str:
     """Describe the temperature at which the file holds."""
     keep = select_carried(c.model, what)
-    some = [t for t in c.terms if any(TEMPERATURE in s.cause.names() for s in t.screws)]
+    some = [
+        t for t in c.terms if any(TEMPERATURE in list_sources(s.cause.names()) for s in t.screws)
+    ]
     if (
         all(map(keep, some))
         or c.refits is None
