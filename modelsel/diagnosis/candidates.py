@@ -28,7 +28,7 @@ from .candidate_kinds import NAMED_IN_WORDS, CandidateKind
 from .cause_words import write_cause
 from .data_faults import FaultKind, find_fault_kind
 from .joint_shapes import generate_joint_shapes
-from .late_temperatures import generate_campaign_cells
+from .late_temperatures import generate_campaign_cells, is_late
 from .options import DEFAULT_OPTIONS, DiagnosisOptions
 from .own_candidates import OwnCandidates, Screws, select_beyond
 from .prior_weights import share_constants, weigh_names
@@ -234,7 +234,9 @@ def _weigh_stated(groups: Sequence[OwnCandidates], left: float, asked: bool) -> 
 
 def find_cell_prior(found: Sequence[Candidate]) -> float:
     """Find the prior probability of a cell of the error map, 0 where there are none."""
-    cells = [one.prior for one in found if one.kind is CandidateKind.CELL]
+    cells = [
+        one.prior for one in found if one.kind is CandidateKind.CELL and not is_late(one.mechanism)
+    ]
     return min(cells, default=0.0)
 
 

@@ -20,6 +20,7 @@ import numpy as np
 from .._typing import Array
 from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
+from ..measurements.state_names import list_sources
 from ..mechanisms.causes import Applied, Bump, Cause, Combined, Named, Number
 from ..mechanisms.environment import PROGRESS, step_after
 from ..mechanisms.motors import joint_axis
@@ -145,7 +146,7 @@ def _put_course(problem: Problem, found: Mechanism, name: str, course: Cause) ->
 
 def _is_straight(problem: Problem, found: Mechanism, name: str) -> bool:
     """Return whether a finding is in proportion to a covariate, counted from any value."""
-    values = problem.data.covariates[name]
+    values = problem.state.value(name)
     low = float(values.min())
     high = float(values.max())
     middle = (low + high) / 2
@@ -176,7 +177,7 @@ def find_confounded(problem: Problem, found: Mechanism) -> str | None:
     campaign may stand for; of one that depends on time the covariate that went most with these."""
     data = problem.data
     covariates = set(data.covariates) - IN_TIME
-    own = found.names() & covariates
+    own = frozenset(n for n in found.names() if list_sources([n]) <= covariates)
     if len(own) > 1:
         return None
     candidates = own
@@ -206,7 +207,7 @@ def _measure_confounded(problem: Problem, name: str) -> float:
     """Measure the share of a covariate's variance that sessions and the course of the campaign explain:
     a curve in time, a warm-up, or few jumps, whichever explains more."""
     data = problem.data
-    values = data.covariates[name]
+    values = problem.state.value(name)
     powers = np.arange(1, MOST_POWER + 1)
     curve = data.progress[:, None] ** powers
     largest = _measure_share(data, values, curve)
@@ -256,7 +257,7 @@ def _leave_sessions(data: Measurements, columns: Array) -> Array:
 def _count_from_middle(problem: Problem, name: str) -> Cause:
     """Build the course in time of a covariate, counted from the middle of its range: in few digits, as
     formulas print it."""
-    values = problem.data.covariates[name]
+    values = problem.state.value(name)
     middle = (values.min() + values.max()) / 2
     rounded = float(f"{middle:.4g}")
     smooth = _smooth(problem, name)
@@ -276,7 +277,7 @@ def _smooth(problem: Problem, name: str) -> Cause:
 
 def _fit_courses(problem: Problem, name: str, courses: Sequence[Cause]) -> Cause:
     """Fit functions of time and a constant to the readings of a covariate."""
-    readings = problem.data.covariates[name]
+    readings = problem.state.value(name)
     columns = [np.ones_like(readings)]
     for cause in courses:
         column = cause.of(problem.state)

@@ -51,11 +51,13 @@ def _list_jumps(data: Measurements, name: str) -> Iterator[tuple[float, str]]:
 
 def measure_jumps(data: Measurements, name: str) -> Iterator[tuple[float, float]]:
     """Measure where a covariate jumps, and by how much."""
+    column = data.covariates.get(name)
+    # what follows a column late does not jump
+    if column is None or not len(column):
+        return
     order = np.argsort(data.progress, kind="stable")
     progress = data.progress[order]
-    values = data.covariates[name][order]
-    if not len(values):
-        return
+    values = column[order]
     least = JUMP * np.ptp(values)
     size = np.diff(values)
     for k in np.flatnonzero(np.abs(size) > least):

@@ -90,8 +90,6 @@ def _differs_in_constant(own: Candidate, other: Candidate) -> bool:
         drivers = read_drivers(own)
         constant = find_time_constant(other.mechanism)
         return constant is not None and read_drivers(other) == drivers
-    if is_late(own.mechanism) and not own.registered:
-        return is_late(other.mechanism) and read_drivers(other) == read_drivers(own)
     if not _is_one_question(own, other):
         return False
     if own.kind in WITH_CONSTANT:
@@ -107,5 +105,6 @@ def _is_one_question(own: Candidate, other: Candidate) -> bool:
         return read_drivers(other) == drivers
     name = own.registered_name
     if name is None:
-        return False
+        both_late = is_late(own.mechanism) and is_late(other.mechanism)
+        return both_late and read_drivers(other) == read_drivers(own)
     return other.registered_name == name

@@ -41,6 +41,7 @@ from .joint_drags import (
     generate_other_widths,
     is_own_hysteresis,
 )
+from .late_temperatures import is_late
 from .pair_waves import generate_waves_of, generate_waves_together
 from .signatures import leave_out_sides
 from .simple_shapes import generate_products, generate_pulls, generate_saws, generate_soft_lags
@@ -208,20 +209,22 @@ def list_rivals(problem: Problem, candidate: Candidate, price: Price | None = No
         return []
     price = price or Price(candidate.prior, candidate.prior)
     confounded = list(_list_confounded(problem, candidate, price.finding))
+    share = _share_of_lag(candidate, price)
+    alike = share * max(price)
     if len(parts) > MAX_PARTS:
         return confounded
     own = candidate.mechanism
     more = list(generate_more_drivers(problem, own))
     changing = list(generate_changing(problem, own))
     return [
-        *_list_alike(problem, candidate, max(price)),
+        *_list_alike(problem, candidate, alike),
         *_list_falls(problem, candidate, max(price)),
         *_list_finer_waves(problem, candidate),
         *_list_finer_bumps(problem, candidate),
         *_list_finer_warm_ups(problem, candidate),
         *_list_other_widths(problem, candidate),
-        *_list_elsewhere(problem, candidate, price.cell),
-        *_weigh(more, "place", MORE_DRIVERS * max(price)),
+        *_list_elsewhere(problem, candidate, price.cell, share),
+        *_weigh(more, "place", MORE_DRIVERS * alike),
         # with this very constant
         *_weigh(changing, "place", CHANGING * candidate.prior),
         *confounded,
@@ -260,14 +263,24 @@ def _list_falls(problem: Problem, candidate: Candidate, prior: float) -> Iterato
         yield replace(rival, agrees=agrees) if own_places == places else rival
 
 
-def _list_elsewhere(problem: Problem, candidate: Candidate, prior: float) -> Iterator[Rival]:
-    """List free functions of other drivers, or at other places."""
+def _share_of_lag(candidate: Candidate, price: Price) -> float:
+    """Share what has a candidate's lag, as free functions of that late temperature do: all lags together
+    are as probable as one that has none."""
+    if not is_late(candidate.mechanism):
+        return 1.0
+    return candidate.prior / price.finding
+
+
+def _list_elsewhere(
+    problem: Problem, candidate: Candidate, prior: float, share: float
+) -> Iterator[Rival]:
+    """List free functions of other drivers, or, with a `share` of the prior, at other places."""
     own = candidate.mechanism
-    share = UNLISTED_ODDS * prior
+    odds = UNLISTED_ODDS * prior
     for mechanisms in generate_other_drivers(problem, own):
-        yield from _weigh(mechanisms, "place", share)
+        yield from _weigh(mechanisms, "place", odds)
     for mechanisms in generate_other_places(problem, own):
-        yield from _weigh(mechanisms, "", share)
+        yield from _weigh(mechanisms, "", share * odds)
 
 
 def _list_confounded(problem: Problem, candidate: Candidate, prior: float) -> Iterator[Rival]:

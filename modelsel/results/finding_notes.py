@@ -16,7 +16,7 @@ from ..diagnosis.stated_probability import format_chance
 from ..exceptions import sentence_list
 from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
-from ..measurements.state_names import FROM_INSTRUMENT
+from ..measurements.state_names import FROM_INSTRUMENT, list_sources
 from ..notices import Note
 from ..selection.evaluation import Evaluation, Split, compare_held_out, find_far_held_out
 from .finding_records import Finding
@@ -155,4 +155,5 @@ def confounded_notes(problem: Problem, diagnosis: Diagnosis) -> tuple[Note, ...]
             "went with the course of the campaign: whatever else changed in time, such as a joint that creeps, would "
             "look the same. To tell them apart, measure at an earlier value again."
         )
-    return tuple(Note("confounded", f"{column} {words}") for column in columns)
+    measured = sorted(list_sources(columns))
+    return tuple(Note("confounded", f"{column} {words}") for column in measured)
