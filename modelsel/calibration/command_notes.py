@@ -14,6 +14,7 @@ from ..measurements.measurements import Measurements
 from ..measurements.state_names import StateKind, parse_state_name
 from ..mechanisms.step_moments import list_step_moments
 from .assumed_values import describe_assumed
+from .late_effects import describe_unknown_history
 
 if TYPE_CHECKING:
     from .calibration import Calibration
@@ -39,6 +40,7 @@ def describe_extrapolation(c: Calibration, data: Measurements) -> list[str]:
         *_describe_past_limits(c, data),
         *_describe_unknown_approach(c, data),
         *_describe_unknown_path(c, data),
+        *describe_unknown_history(c.terms, data),
         *_describe_steps(c),
     ]
 

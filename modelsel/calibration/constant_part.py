@@ -297,7 +297,8 @@ def bind_configurations(
         covariates=covariates,
         coupling=c.robot.coupling,
     )
-    return c.problem(replace(data, move=move))
+    # nothing is known of what went before each
+    return c.problem(replace(data, move=move, late_temperature=None))
 
 
 def compute_points(at: Problem, parts: Sequence[Part]) -> Array:

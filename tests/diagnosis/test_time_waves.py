@@ -56,6 +56,23 @@ def test_each_place_has_its_waves_on_either_clock(rng: np.random.Generator) -> N
 
 
 @seeds(1)
+def test_waves_are_looked_for_where_rows_cover_them(rng: np.random.Generator) -> None:
+    """A wave of a day was fitted through windows of an hour, 22 hours apart, with any amplitude."""
+    at = drawn("puma760", rng, 30)
+    evenly = 600.0 * np.arange(30)
+    whole = [one.mechanism for one in generate_time_waves(with_clock(at, evenly))]
+    days = evenly % 9000 + 86400 * (np.arange(30) // 15)
+    assert not list(generate_time_waves(with_clock(at, days)))
+    # a gap of 3 hours in some 8: as long as a quarter of a wave's period, or longer, but for the slowest
+    gap = with_clock(at, evenly + 10800 * (np.arange(30) >= 15))
+    covered = [one.mechanism for one in generate_time_waves(gap)]
+    assert len(covered) == len(whole) / len(COUNTS)
+    assert {wave.name.split()[2] for wave in covered} == {"0.5"}
+    finer = [one.name.split()[2] for one in generate_finer_time_waves(gap, covered[0])]
+    assert 0.5 < max(map(float, finer)) < 0.75
+
+
+@seeds(1)
 def test_finer_waves_lie_between_the_neighbours(rng: np.random.Generator) -> None:
     at = drawn("ur5", rng, 40)
     wave = next(

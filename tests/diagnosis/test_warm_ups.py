@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from builders import drawn, measured, seeds
 from searches import search_separated
 
-from modelsel.diagnosis.campaign_clocks import build_warm_ups
+from modelsel.diagnosis.campaign_clocks import build_warm_ups, build_warming_causes
 from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.cause_words import write_cause
 from modelsel.diagnosis.signatures import read_signatures
 from modelsel.diagnosis.told_first import find_constant, sum_constants
 from modelsel.diagnosis.unlisted_shapes import list_rivals
@@ -22,6 +25,7 @@ from modelsel.diagnosis.warm_ups import (
 )
 from modelsel.fitting.design import Model
 from modelsel.fitting.problem import Problem
+from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import Applied, q
 from modelsel.mechanisms.environment import PROGRESS
 from modelsel.mechanisms.registry import every, mechanism
@@ -98,6 +102,63 @@ def test_a_course_that_warms_up_tells_its_constant(rng: np.random.Generator) -> 
     course = 3.0 - 2.0 * np.exp(-time / share / np.ptp(time))
     told = fit_warm_up(at, PLACE, course)
     assert find_time_constant(told) == pytest.approx(share * np.ptp(time), rel=3e-3)
+
+
+def with_days(at: Problem, days: int) -> Problem:
+    """The same rows, measured in a part of each of some days."""
+    m = len(at)
+    day = np.arange(m) * days // m
+    time = 86400.0 * day + 120.0 * np.arange(m)
+    data = at.data
+    again = build_measurements(
+        data.q, data.position, covariates={"time_s": time}, group=[f"day {k}" for k in day]
+    )
+    return replace(at, data=again)
+
+
+def test_a_warm_up_may_start_afresh_after_a_rest(rng: np.random.Generator) -> None:
+    at = drawn("ur5", rng, 60)
+    lasting = build_warming_causes(at)
+    assert all(cause.names() == {"time_s"} for cause in lasting)
+    days = with_days(at, 3)
+    afresh = [c for c in build_warming_causes(days) if c.names() == {"since_rest_s"}]
+    assert len(afresh) == len(lasting)
+    since = days.state.value("since_rest_s")
+    constant = rng.uniform(400, 900)
+    told = fit_warm_up(days, PLACE, 1.0 + 2.0 * np.exp(-since / constant))
+    assert told is not None
+    assert told.names() == {"since_rest_s"}
+    assert find_time_constant(told) == pytest.approx(constant, rel=3e-3)
+    finer = list(generate_finer_warm_ups(days, told))
+    assert finer
+    assert all(one.names() == {"since_rest_s"} for one in finer)
+    (screw,) = told.terms[0].screws
+    assert write_cause(screw.cause).endswith("min after each rest")
+    lasting_course = np.exp(-days.state.value("time_s") / 80_000)
+    slow = fit_warm_up(days, PLACE, lasting_course)
+    assert slow is not None
+    assert slow.names() == {"time_s"}
+
+
+@pytest.mark.slow
+@seeds(1, 2)
+def test_a_base_that_warms_up_every_day_is_told_so(rng: np.random.Generator) -> None:
+    """By an exponential that the test writes itself; a wave of a day was told, 20 times as large."""
+    at = drawn("irb120", rng, 120)
+    axis, constant = rng.integers(3), rng.uniform(600, 1500)
+    days = with_days(at, 3)
+    since = 120.0 * (np.arange(120) % 40)
+    position = at.data.position + rng.normal(0, SIGMA, at.data.position.shape)
+    position[:, axis] += 8 * SIGMA * (1 - np.exp(-since / constant))
+    warming = measured(days, position)
+    base = Model((mechanism("geometric", at.robot),))
+    found = search_separated(warming, base, build_candidates(warming, base, every(at.robot)))
+    (effect,) = found.effects
+    told = effect.candidate.mechanism
+    assert told.names_by_place() == {(1, ("tx", "ty", "tz")[axis]): {"since_rest_s"}}
+    assert find_time_constant(told) == pytest.approx(constant, rel=0.4)
+    assert abs(effect.estimate[0]) == pytest.approx(8 * SIGMA, rel=0.3)
+    assert effect.claim.level == "shape"
 
 
 @pytest.mark.slow

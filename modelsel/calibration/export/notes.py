@@ -11,6 +11,7 @@ from ...measurements.reference_temperature import TEMPERATURE
 from ...measurements.state_names import list_sources
 from ...mechanisms.environment import find_references
 from ..arm_alone import list_instrument_names
+from ..late_effects import describe_unknown_history
 from ..refitting import select_carried
 
 if TYPE_CHECKING:
@@ -32,6 +33,8 @@ def list_notes(c: Calibration, what: str, geometry: bool) -> tuple[str, ...]:
     if TEMPERATURE in c.needs():
         temperature = _describe_temperature(c, what)
         out.append(temperature)
+        carried = [term for term in c.terms if select_carried(c.model, what)(term)]
+        out += [sentence.rstrip(".") for sentence in describe_unknown_history(carried)]
     out += describe_instrument(c)
     group = find_group(c)
     if group is not None:
