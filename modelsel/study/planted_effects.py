@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from ..config.study_file import Study
 from ..exceptions import StudyError
 from ..measurements.measurements import Measurements
-from ..measurements.state_names import StateKind, parse_state_name
+from ..measurements.state_names import StateKind, StateVariable, parse_state_name
 from ..mechanisms.cause_formulas import parse
 from ..mechanisms.causes import Member
 from ..robot.kinematics import Robot
@@ -122,3 +122,15 @@ def _tell_unknown_motion(place: str, name: str, data: Measurements) -> Iterator[
             f'{place}: "{name}" is not known: without a column time_s nobody knows how fast joint '
             f"{joint} moves. Give measurements that have it."
         )
+    if _lacks_history(variable, data):
+        yield (
+            f'{place}: "{name}" is not known: without a column time_s nobody knows what went before a row. '
+            "Give measurements that have it."
+        )
+
+
+def _lacks_history(variable: StateVariable, data: Measurements) -> bool:
+    """Return whether a variable follows from the rows before by a clock that there is not."""
+    if variable.kind is StateKind.SINCE_REST:
+        return data.since_rest is None
+    return variable.kind is StateKind.LATE and data.late_temperature is None

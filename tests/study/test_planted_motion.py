@@ -110,3 +110,13 @@ def test_a_speed_is_refused_without_a_clock(tmp_path, rng) -> None:
     path = write(tmp_path, rng, "", cause="rate3")
     with pytest.raises(StudyError, match="nobody knows how fast joint 3 moves"):
         simulate_study(path)
+
+
+@pytest.mark.parametrize("cause", ["temperature_25_min_late", "exp(since_rest_s/(-900))"])
+def test_what_went_before_is_refused_without_a_clock(cause: str, tmp_path, rng) -> None:
+    path = write(tmp_path, rng, "", cause=cause)
+    table = pd.read_csv(tmp_path / "m.csv")
+    table["temperature_C"] = rng.uniform(15, 25, len(table))
+    table.to_csv(tmp_path / "m.csv", index=False)
+    with pytest.raises(StudyError, match="nobody knows what went before a row"):
+        simulate_study(path)
