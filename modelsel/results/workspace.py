@@ -16,6 +16,7 @@ from .._linalg import TINY
 from .._typing import Array, Index
 from ..fitting.design import PLACE, compute_columns, field_of
 from ..fitting.problem import Problem
+from ..measurements.reference_temperature import TEMPERATURE
 from ..mechanisms.causes import Cause
 from ..mechanisms.terms import Term
 from ..robot.kinematics import Pose
@@ -118,10 +119,13 @@ class Workspace:
         return bool(is_both)
 
     def at_covariate(self, name: str, value: float) -> Workspace:
-        """Return the workspace with one covariate held at a value."""
+        """Return the workspace with one covariate held at a value; what follows it late has long
+        followed."""
         data = self.problem.data
         covariates = {**data.covariates, name: np.full(len(data), value)}
-        problem = replace(self.problem, data=replace(data, covariates=covariates))
+        late = None if name == TEMPERATURE else data.late_temperature
+        held = replace(data, covariates=covariates, late_temperature=late)
+        problem = replace(self.problem, data=held)
         return replace(self, problem=problem)
 
 

@@ -269,6 +269,15 @@ def test_a_curve_is_told_from_its_lowest_to_its_highest_point_where_it_was_measu
                 "at the target per 10 K, counted from 23 °C": (2e-2, "mm"),
             },
         ),
+        # 10 K that have lasted
+        (
+            "tz",
+            temperature_rise(23.0, lag=25),
+            {
+                "per 10 K, counted from 23 °C": (2e-2, "mm"),
+                "at the target per 10 K, counted from 23 °C": (2e-2, "mm"),
+            },
+        ),
         ("tz", temperature_rise(23.0) * q(2), {}),
         ("tz", Named("approach3") * q(2), {}),
         ("tz", q(2), {}),
