@@ -23,8 +23,8 @@ from ..fitting.least_squares import Fit
 from ..fitting.noise import Floor
 from ..fitting.problem import Problem
 from ..measurements.file_form import FileForm
+from ..measurements.late_names import list_sources
 from ..measurements.measurements import Measurements
-from ..measurements.state_names import list_sources
 from ..mechanisms.causes import Member
 from ..mechanisms.step_moments import list_step_moments
 from ..mechanisms.terms import Term

@@ -19,8 +19,8 @@ import numpy as np
 
 from .._typing import Array
 from ..fitting.problem import Problem
+from ..measurements.late_names import list_sources
 from ..measurements.measurements import Measurements
-from ..measurements.state_names import list_sources
 from ..mechanisms.causes import Applied, Bump, Cause, Combined, Named, Number
 from ..mechanisms.environment import PROGRESS, step_after
 from ..mechanisms.motors import joint_axis

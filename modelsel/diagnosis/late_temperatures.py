@@ -9,8 +9,9 @@ from collections.abc import Iterator
 
 from ..fitting.problem import Problem
 from ..measurements.clock_history import find_lags
+from ..measurements.late_names import is_temperature
 from ..measurements.reference_temperature import TEMPERATURE
-from ..measurements.state_names import StateKind, is_temperature, state_kind
+from ..measurements.state_names import StateKind, state_kind
 from ..mechanisms.environment import temperature_rise
 from ..mechanisms.terms import Mechanism
 from .candidate_kinds import CandidateKind

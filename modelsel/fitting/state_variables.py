@@ -12,6 +12,7 @@ from .._linalg import TINY
 from .._typing import Array, Rows
 from ..exceptions import StudyError
 from ..measurements.clock_history import LAGS
+from ..measurements.late_names import name_late
 from ..measurements.measurements import Measurements
 from ..measurements.reference_temperature import TEMPERATURE
 from ..measurements.state_names import (
@@ -19,7 +20,6 @@ from ..measurements.state_names import (
     StateVariable,
     covariate_unit,
     describe_state_name,
-    name_late,
     parse_state_name,
     state_units,
 )

@@ -18,7 +18,6 @@ from math import log
 from ..robot.kinematics import Robot
 from .clock_history import LAGS
 from .preferred_numbers import list_preferred
-from .reference_temperature import TEMPERATURE
 
 THOUSAND = 1000.0  # mrad in a rad, µm in a mm
 # widths up to which a joint gets ahead of what it drags along: of one that turns [mrad], and of a
@@ -309,22 +308,6 @@ def parse_state_name(name: str) -> StateVariable | None:
             numbers = {part: int(digits) for part, digits in parts.items()}
             return StateVariable(family.kind, axis=axis, **numbers)
     return None
-
-
-def list_sources(names: Iterable[str]) -> frozenset[str]:
-    """List the names that values follow from: of a temperature that is late the column, of any other the
-    name itself."""
-    return frozenset(TEMPERATURE if state_kind(name) is StateKind.LATE else name for name in names)
-
-
-def is_temperature(name: str) -> bool:
-    """Return whether a name is of the temperature, as it is or late."""
-    return list_sources([name]) == {TEMPERATURE}
-
-
-def name_late(lag: int) -> str:
-    """Name the temperature as a mass of some time constant [min] has it."""
-    return StateVariable(StateKind.LATE, lag=lag).name
 
 
 def describe_state_name(name: str) -> str:

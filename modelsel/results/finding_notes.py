@@ -15,8 +15,9 @@ from ..diagnosis.signatures import LEVELS, PROVEN
 from ..diagnosis.stated_probability import format_chance
 from ..exceptions import sentence_list
 from ..fitting.problem import Problem
+from ..measurements.late_names import list_sources
 from ..measurements.measurements import Measurements
-from ..measurements.state_names import FROM_INSTRUMENT, list_sources
+from ..measurements.state_names import FROM_INSTRUMENT
 from ..notices import Note
 from ..selection.evaluation import Evaluation, Split, compare_held_out, find_far_held_out
 from .finding_records import Finding

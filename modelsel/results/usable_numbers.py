@@ -15,7 +15,7 @@ from ..diagnosis.sentences import has_contrary_signs, is_wave
 from ..diagnosis.torque_functions import find_loaded_joint
 from ..fitting.design import PLACE
 from ..measurements.reference_temperature import TEMPERATURE
-from ..measurements.state_names import StateKind, is_temperature, parse_state_name
+from ..measurements.state_names import StateKind, parse_state_name
 from ..mechanisms.causes import Bump, Cause, Combined, Named
 from ..mechanisms.environment import find_references
 from ..mechanisms.motors import name_drive
@@ -99,7 +99,7 @@ def _choose_by_driver(cause: Cause) -> Measure | None:
     if is_side and isinstance(cause, Named):
         return _measure_sides
     is_rise = isinstance(cause, Named) or (isinstance(cause, Combined) and cause.operator in "+-")
-    if is_temperature(name) and not others and is_rise:
+    if find_references(cause) and not others and is_rise:
         return _measure_warm_place
     return None
 

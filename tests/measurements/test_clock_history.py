@@ -16,8 +16,8 @@ from modelsel.measurements.clock_history import (
     derive_since_rest,
     find_lags,
 )
+from modelsel.measurements.late_names import is_temperature, list_sources, name_late
 from modelsel.measurements.measurements import build_measurements
-from modelsel.measurements.state_names import is_temperature, list_sources, name_late
 
 
 def wander(rng: np.random.Generator, rows: int) -> tuple[np.ndarray, np.ndarray]:
