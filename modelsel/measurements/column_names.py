@@ -224,7 +224,7 @@ def _find_quantity(words: list[str]) -> tuple[str | None, int | None, str, list[
     return None, None, "", words
 
 
-def name_columns(names: str, values: Array) -> dict[str, Array]:
+def list_named_columns(names: str, values: Array) -> dict[str, Array]:
     """Name the columns of an array (m, k) by k words."""
     columns = values.T
     named = zip(names.split(), columns, strict=True)

@@ -17,7 +17,7 @@ from ..notices import Note
 from ..robot.coupling import Coupling, readings_of
 from ..robot.rigid import to_quaternion
 from .clock_history import derive_late, derive_since_rest
-from .column_names import name_columns
+from .column_names import list_named_columns
 from .features import COORDINATES, KINDS, Feature, KindColumns, add_kind_columns, collect_features
 from .joint_path import JointPath
 from .motion import APPROACH_FROM_ORDER, MeasuredRows, Waypoints, describe_motion, trace_motion
@@ -208,15 +208,15 @@ class Measurements:
         are."""
         columns = dict[str, Array]()
         if not np.isnan(self.position).all():
-            columns |= name_columns("x_mm y_mm z_mm", self.position)
+            columns |= list_named_columns("x_mm y_mm z_mm", self.position)
         if self.sigma is not None:
-            columns |= name_columns("sx_mm sy_mm sz_mm", self.sigma)
+            columns |= list_named_columns("sx_mm sy_mm sz_mm", self.sigma)
         if self.rotation is not None:
             quaternion = to_quaternion(self.rotation)
-            columns |= name_columns("qw qx qy qz", quaternion)
+            columns |= list_named_columns("qw qx qy qz", quaternion)
         if self.sigma_rotation is not None:
             names = "srx_rad sry_rad srz_rad"
-            columns |= name_columns(names, self.sigma_rotation)
+            columns |= list_named_columns(names, self.sigma_rotation)
         return columns
 
     def _label_columns(self) -> dict[str, NDArray[np.object_]]:
