@@ -12,6 +12,7 @@ from .._arguments import check_type
 from ..robot.kinematics import Robot
 from . import drives, environment
 from .registry import BUILTIN, REGISTRY_EXPECTED, Entry, Registry, Scanned, build_thermal
+from .target_entries import PerTarget
 from .target_names import number_targets
 
 TARGET_STEP = "target-step"
@@ -22,12 +23,17 @@ def set_reference(registry: Registry, reference: float, lags: Sequence[int] = ()
     temperature that is late by some `lags` [min], too."""
     thermal = build_thermal(reference)
     if lags:
-        thermal = _build_late(reference, (0, *lags))
+        thermal = {**thermal, **_build_late(reference, (0, *lags))}
     counted = dict(registry)
-    for name, entry in registry.items():
-        is_own = name in thermal and entry is BUILTIN[name]
-        if is_own:
-            counted[name] = thermal[name]
+    for name, own in thermal.items():
+        entry = registry.get(name)
+        builtin = BUILTIN[name]
+        if entry is builtin:
+            counted[name] = own
+        elif isinstance(entry, PerTarget) and isinstance(own, PerTarget):
+            # of several targets: all but their names is modelsel's own
+            bare = replace(entry, targets=None, numbers=())
+            counted[name] = replace(entry, build=own.build) if bare == builtin else entry
     return counted
 
 
@@ -67,31 +73,32 @@ def set_gear_ratios(registry: Registry, ratios: Sequence[float]) -> Registry:
 
 
 def set_targets(registry: Registry, targets: Sequence[str], listed: Sequence[str] = ()) -> Registry:
-    """Return the registry with modelsel's own step of the target for each of several, too, by the
-    names that the measurements give them; `listed`: those of the file, where some were left out.
+    """Return the registry with modelsel's own step of the target, and whatever else acts on one, for
+    each of several, too, by the names that the measurements give them; `listed`: those of the file, where some were left out.
     Raises ArgumentError for another type."""
     check_type("registry", registry, Mapping, REGISTRY_EXPECTED)
-    entry = registry.get(TARGET_STEP)
-    if not _is_own_step(entry):
-        return registry
     names = tuple(targets)
     several = len(names) > 1 or len(listed) > 1
     if not several:
         names = ()
-    step = replace(entry, targets=names, numbers=number_targets(names, listed))
-    return {**registry, TARGET_STEP: step}
+    numbers = number_targets(names, listed)
+    named = dict(registry)
+    for name, entry in registry.items():
+        if _is_of_targets(entry):
+            named[name] = replace(entry, targets=names, numbers=numbers)
+    return named
 
 
 def waits_for_targets(name: str, registry: Registry) -> bool:
     """Return whether a name may be of one target of several, before the measurements say how these
     are called."""
     stem, colon, _ = name.partition(":")
-    if stem != TARGET_STEP or not colon:
-        return False
     entry = registry.get(stem)
-    return _is_own_step(entry) and entry.targets is None
+    return bool(colon) and _is_of_targets(entry) and entry.targets is None
 
 
-def _is_own_step(entry: Entry | None) -> TypeGuard[Scanned]:
-    """Return whether an entry is modelsel's own step of the target, with or without names."""
-    return isinstance(entry, Scanned) and entry.build is environment.target_step
+def _is_of_targets(entry: Entry | None) -> TypeGuard[Scanned | PerTarget]:
+    """Return whether an entry is modelsel's own step of the target or one that acts on the target, with
+    or without names."""
+    is_step = isinstance(entry, Scanned) and entry.build is environment.target_step
+    return is_step or isinstance(entry, PerTarget)

@@ -230,3 +230,21 @@ def payload_droop(robot: Robot) -> Mechanism | None:
         "cantilever beam; ISO 230-1, stiffness of spindles",
         usual_causes=TOOL_PARTS,
     )
+
+
+def payload_shift(robot: Robot) -> Mechanism:
+    """The target stands elsewhere on the flange with another payload, whatever way gravity pulls."""
+    payload = Named("payload_kg", "kg")
+    frame = robot.n + 1
+    terms = tuple(Term(f"s{a}", (Screw(frame, f"t{a}", payload),), YIELD_BY_LOAD) for a in "xyz")
+    return Mechanism(
+        "payload-shift",
+        terms,
+        "The target shifts on the flange in proportion to the payload, in a direction of its own.",
+        "target offset = s · payload_kg",
+        "a shift of the tool's frame; ISO 9283, drift of the pose",
+        usual_causes=(
+            "another gripper or tool with the payload, its target mounted elsewhere",
+            "gripper that is closed on the payload",
+        ),
+    )

@@ -30,5 +30,28 @@ def list_entry_joints(name: str, joints: Joints | None, robot: Robot) -> tuple[i
     return tuple(joint for joint in once if 1 <= joint <= robot.n)
 
 
+def choose_entry_joints(
+    name: str, joint: str | None, robot: Robot, joints: Joints | None
+) -> tuple[int, ...]:
+    """Choose the joints of an entry that a name stands for: one, or all that it applies to. Raises
+    StudyError for a joint that it does not apply to."""
+    every = list_entry_joints(name, joints, robot)
+    if joint is None:
+        return every
+    words = [str(j) for j in every]
+    if joint in words:
+        chosen = int(joint)
+        return (chosen,)
+    numbers = ", ".join(words)
+    where = f"joint {numbers} of {robot.name}"
+    if not words:
+        where = f"no joint of {robot.name}"
+    elif len(words) > 1:
+        where = f"joints {numbers} of {robot.name}"
+    stem, _, _ = name.partition(":")
+    problem = f"{stem} applies to {where}"
+    raise StudyError(f'"{name}": {problem}.')
+
+
 def _is_number(joint: object) -> bool:
     return isinstance(joint, Integral) and not isinstance(joint, bool)

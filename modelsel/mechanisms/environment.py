@@ -22,6 +22,8 @@ PROGRESS: Cause = Named(
 )  # place in the order of motion, 0 to 1: every file has it, clock or not
 DRIFT = {"t": (1e-3, 2.0), "r": (1e-6, 2e-3)}  # mm, rad
 STEP = {"t": (1e-3, 20.0), "r": (1e-6, 2e-2)}
+# mm/°C: usual sizes of the same by a degree
+SHIFT_BY_DEGREE = (1e-4, 0.2)
 STEPS = tuple(
     round(0.005 * k, 3) for k in range(1, 200)
 )  # naming keeps those that differ on the data
@@ -146,6 +148,20 @@ def thermal_zero(
             "encoder's mount",
             "link that warms on one side",
         ),
+    )
+
+
+def thermal_shift(robot: Robot, reference: float = REFERENCE) -> Mechanism:
+    """The target, or what holds it, shifts on the flange with temperature, in a direction of its own."""
+    rise = temperature_rise(reference)
+    terms = tuple(Term(f"s{a}", (Screw(robot.n + 1, a, rise),), SHIFT_BY_DEGREE) for a in AXES[:3])
+    return Mechanism(
+        "thermal-shift",
+        terms,
+        f"The target shifts on the flange with temperature, counted from {reference:g} °C.",
+        f"target offset = s · ({rise})",
+        "ISO 230-3, thermal effects; ISO 1, 20 °C",
+        usual_causes=("expansion of its bracket or of the tool", "heat of a motor in the wrist"),
     )
 
 

@@ -11,34 +11,40 @@ from .terms import Mechanism, Screw, Term
 
 # between the names of targets that move alike
 JOINED = " & "
-# how a step of the target begins to be told
-TOLD = "The target stands elsewhere on the flange"
+# how what moves the target begins to be told, and of a step how it goes on
+THE_TARGET = "The target"
+TOLD = f"{THE_TARGET} stands elsewhere on the flange"
 
 
 def limit_to_targets(
     step: Mechanism, targets: Mapping[int, str], numbers: Sequence[int] = ()
 ) -> Mechanism:
-    """Limit a step of the targets to some of several, given by their places (0-based) and names: to
-    one that slipped by itself, or to more that slipped alike. `numbers`: those of all targets in their
+    """Limit what moves the targets to some of several, given by their places (0-based) and names: to
+    one that is moved by itself, or, of a step, to more that slipped alike. `numbers`: those of all targets in their
     file, where they are not their places."""
     own = numbers or range(1, max(targets) + 2)
     members = [belongs_to_target(place, own[place]) for place in targets]
     names = JOINED.join(targets.values())
     words = [one_line(name) for name in targets.values()]
     moved = str(members[0])
-    told = f"Target {words[0]} stands elsewhere on the flange"
+    begins, told = THE_TARGET, f"Target {words[0]}"
     if len(members) > 1:
         listed = " + ".join(map(str, members))
         moved = f"({listed})"
-        told = f"Targets {sentence_list(words)} stand elsewhere on the flange, shifted alike,"
+        begins, told = (
+            TOLD,
+            f"Targets {sentence_list(words)} stand elsewhere on the flange, shifted alike,",
+        )
     terms = [_limit_term(term, members) for term in step.terms]
-    sentence = step.sentence.replace(TOLD, told, 1)
+    sentence = step.sentence.replace(begins, told, 1)
+    is_step = TOLD in step.sentence
+    product = "*" if is_step else " · "
     return replace(
         step,
         name=f"{step.name}:{names}",
         terms=tuple(terms),
         sentence=sentence,
-        equation=f"{step.equation}*{moved}",
+        equation=f"{step.equation}{product}{moved}",
     )
 
 

@@ -20,7 +20,8 @@ from ..robot.kinematics import Robot
 from . import compliance, drives, environment, geometry, gravity_effects, instrument, motors
 from . import target_names as by_target
 from .bending import find_loaded_links, list_loads, payload_bending
-from .entry_joints import Joints, list_entry_joints
+from .entry_joints import Joints, choose_entry_joints
+from .target_entries import PerTarget, build_of_target
 from .terms import Mechanism, unstorable
 
 
@@ -64,6 +65,7 @@ def build_thermal(reference: float = REFERENCE) -> Registry:
         "thermal-zero": PerJoint(
             partial(environment.thermal_zero, reference=reference), drives.all_joints
         ),
+        "thermal-shift": PerTarget(partial(environment.thermal_shift, reference=reference)),
     }
 
 
@@ -101,10 +103,11 @@ _BUILTIN: Registry = {
     "payload-bending": Scanned(payload_bending, list_loads, find_loaded_links),
     "payload-tilt": gravity_effects.payload_tilt,
     "counterbalance": compliance.counterbalance,
-    "tool-droop": compliance.tool_droop,
-    "tool-stretch": compliance.tool_stretch,
-    "tool-play": compliance.tool_play,
-    "payload-droop": compliance.payload_droop,
+    "tool-droop": PerTarget(compliance.tool_droop),
+    "tool-stretch": PerTarget(compliance.tool_stretch),
+    "tool-play": PerTarget(compliance.tool_play),
+    "payload-droop": PerTarget(compliance.payload_droop),
+    "payload-shift": PerTarget(compliance.payload_shift),
     "approach-backlash": PerJoint(drives.approach_backlash, drives.all_joints),
     "overshoot": PerJoint(drives.overshoot, drives.all_joints),
     "settle": PerJoint(drives.settling, drives.all_joints),
@@ -200,6 +203,8 @@ def _build_named(name: str, robot: Robot, registry: Registry) -> tuple[Mechanism
     entry = registry[stem]
     if isinstance(entry, Scanned) and entry.targets is not None:
         return _build_of_targets(name, robot, entry, entry.targets)
+    if isinstance(entry, PerTarget):
+        return build_of_target(name, robot, entry)
     is_scanned = isinstance(entry, Scanned)
     has_joints = isinstance(entry, (PerJoint, Scanned)) and entry.joints is not None
     if len(given) > has_joints + is_scanned:
@@ -211,7 +216,7 @@ def _build_named(name: str, robot: Robot, registry: Registry) -> tuple[Mechanism
     if given and has_joints:
         joint = given.pop(0)
     if isinstance(entry, PerJoint):
-        joints = _choose_joints(name, joint, robot, entry)
+        joints = choose_entry_joints(name, joint, robot, entry.joints)
         return tuple(entry.build(robot, j) for j in joints)
     if isinstance(entry, Scanned):
         constant = None
@@ -258,29 +263,6 @@ def _check_function(stem: str, entry: Any) -> None:
     )
 
 
-def _choose_joints(
-    name: str, joint: str | None, robot: Robot, entry: PerJoint | Scanned
-) -> tuple[int, ...]:
-    """Choose the joints of an entry that a name stands for: one, or all that it applies to. Raises
-    StudyError for a joint that it does not apply to."""
-    joints = list_entry_joints(name, entry.joints, robot)
-    if joint is None:
-        return joints
-    words = [str(j) for j in joints]
-    if joint in words:
-        chosen = int(joint)
-        return (chosen,)
-    numbers = ", ".join(words)
-    where = f"joint {numbers} of {robot.name}"
-    if not words:
-        where = f"no joint of {robot.name}"
-    elif len(words) > 1:
-        where = f"joints {numbers} of {robot.name}"
-    stem, _, _ = name.partition(":")
-    problem = f"{stem} applies to {where}"
-    raise StudyError(f'"{name}": {problem}.')
-
-
 def _build_scanned(
     name: str, joint: str | None, constant: str | None, robot: Robot, entry: Scanned
 ) -> tuple[Mechanism, ...]:
@@ -288,7 +270,7 @@ def _build_scanned(
     that is not scanned."""
     places: list[tuple[int, ...]] = [()]
     if entry.joints is not None:
-        joints = _choose_joints(name, joint, robot, entry)
+        joints = choose_entry_joints(name, joint, robot, entry.joints)
         places = [(j,) for j in joints]
     built = []
     for place in places:
@@ -309,7 +291,7 @@ def _build_scanned(
 
 def mechanism(name: str, robot: Robot | str, registry: Registry = BUILTIN) -> Mechanism:
     """Build one mechanism for a name: all its joints together where it has joints; of a scanned one
-    without its constant, the first. `robot`: the robot, or a built-in one's name. Raises StudyError
+    without its constant, the first; of the target's, that of all targets together. `robot`: the robot, or a built-in one's name. Raises StudyError
     where none applies."""
     check_type("name", name, str, "a mechanism's name")
     robot = as_robot(robot)
@@ -318,6 +300,8 @@ def mechanism(name: str, robot: Robot | str, registry: Registry = BUILTIN) -> Me
         first.setdefault(built.name, built)
     if not first:
         raise StudyError(f'"{name}" does not apply to {robot.name}.')
+    if name in first:
+        return first[name]
     each = tuple(first.values())
     return join_mechanisms(name, each)
 
