@@ -30,6 +30,8 @@ class CandidateKind(Enum):
     PRODUCT = "turn of a joint with the product of two joints' readings"
     SOFT_LAG = "lag of a joint behind its last move that levels off"
     FALL = "target that falls from one side to the other across the flange"
+    TARGET_CELL = "shift of one target of several along an axis of the flange"
+    TARGET_SHIFT = "shift of the target in any direction with a column of the data"
     DISTORTION = "smooth error of what an instrument measures"
     HYSTERESIS = "hysteresis of a joint that builds up over some way after each reversal"
     SHAPE = "shape that no list has, at the place of a finding or beside it"
@@ -51,4 +53,5 @@ NAMED_IN_WORDS = (
     CandidateKind.WOUND,
     CandidateKind.PRODUCT,
     CandidateKind.FALL,
+    CandidateKind.TARGET_SHIFT,
 )

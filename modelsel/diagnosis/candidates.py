@@ -20,7 +20,6 @@ from .._short_numbers import round_numbers
 from .._typing import Array
 from ..fitting.design import Model
 from ..fitting.problem import Problem
-from ..measurements.state_names import NEED_INSTRUMENT, state_kind
 from ..mechanisms.terms import Mechanism
 from ..selection.comparison import MAX_CANDIDATES
 from .arm_shapes import find_still_readings, generate_arm_shapes
@@ -33,12 +32,14 @@ from .options import DEFAULT_OPTIONS, DiagnosisOptions
 from .own_candidates import OwnCandidates, Screws, select_beyond
 from .prior_weights import share_constants, weigh_names
 from .scanned_constants import drop_equal_constants
+from .target_cells import generate_target_cells
 from .unregistered import (
     Unregistered,
     build_cell_causes,
     generate_unregistered,
     list_distinct_places,
 )
+from .usable_names import list_usable_names
 
 MANY_FRAMES = 4  # that one number moves, from which they are told together
 # share of the prior probability that the registered mechanisms have together
@@ -186,6 +187,7 @@ def build_candidates(
         within = exceeds_cell_limit(problem, options)
         offered = chain(
             generate_unregistered(problem, adjacent_only=within),
+            generate_target_cells(problem),
             generate_campaign_cells(problem),
             generate_joint_shapes(problem),
             generate_arm_shapes(problem),
@@ -238,15 +240,6 @@ def find_cell_prior(found: Sequence[Candidate]) -> float:
         one.prior for one in found if one.kind is CandidateKind.CELL and not is_late(one.mechanism)
     ]
     return min(cells, default=0.0)
-
-
-def list_usable_names(problem: Problem) -> frozenset[str]:
-    """List the state variables that mechanisms may look at: angles of the beam only where the
-    instrument is not taken to stand in the arm, for want of its place."""
-    names = frozenset(problem.names())
-    if problem.stands_apart:
-        return names
-    return frozenset(name for name in names if state_kind(name) not in NEED_INSTRUMENT)
 
 
 def _select_applicable(

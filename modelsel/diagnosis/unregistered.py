@@ -100,7 +100,7 @@ def build_cell_causes(problem: Problem) -> tuple[Causes, ...]:
         *_causes_of_gravity(problem.robot),
         *((Named(f"approach{j}"),) for j in range(1, problem.robot.n + 1)),
         *((cause,) for cause in build_warming_causes(problem)),
-        *_causes_of_covariates(problem),
+        *list_covariate_causes(problem),
     )
 
 
@@ -166,8 +166,8 @@ def _causes_of_gravity(robot: Robot) -> Iterator[Causes]:
         yield (sign(forearm_lever(pair)),)
 
 
-def _causes_of_covariates(problem: Problem) -> Iterator[Causes]:
-    """Generate causes of every further column of the data.
+def list_covariate_causes(problem: Problem) -> Iterator[Causes]:
+    """List causes of every further column of the data.
 
     Temperature counts from its reference; payload also with moments."""
     pair = find_arm_pair(problem.robot)

@@ -39,12 +39,9 @@ def limit_to_targets(
     sentence = step.sentence.replace(begins, told, 1)
     is_step = TOLD in step.sentence
     product = "*" if is_step else " · "
+    equation = f"{step.equation}{product}{moved}" if step.equation else ""
     return replace(
-        step,
-        name=f"{step.name}:{names}",
-        terms=tuple(terms),
-        sentence=sentence,
-        equation=f"{step.equation}{product}{moved}",
+        step, name=f"{step.name}:{names}", terms=tuple(terms), sentence=sentence, equation=equation
     )
 
 
