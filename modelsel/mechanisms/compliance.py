@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from ..robot.gravity import find_arm_pair, find_gravity_joints
 from ..robot.kinematics import Robot
+from ..robot.rigid import AXES
 from .causes import Named, q, shifted, sign, sin
 from .motors import drive_angle, drive_screws, motor_torque, moved_joints, name_drive
 from .terms import Mechanism, Screw, Term
@@ -236,7 +237,7 @@ def payload_shift(robot: Robot) -> Mechanism:
     """The target stands elsewhere on the flange with another payload, whatever way gravity pulls."""
     payload = Named("payload_kg", "kg")
     frame = robot.n + 1
-    terms = tuple(Term(f"s{a}", (Screw(frame, f"t{a}", payload),), YIELD_BY_LOAD) for a in "xyz")
+    terms = tuple(Term(f"s{a}", (Screw(frame, a, payload),), YIELD_BY_LOAD) for a in AXES[:3])
     return Mechanism(
         "payload-shift",
         terms,

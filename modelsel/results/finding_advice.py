@@ -99,6 +99,10 @@ BY_STEM = {
     "tool-droop": _LOAD,
     "tool-stretch": _LOAD,
     "payload-droop": _LOAD,
+    "payload-shift": (
+        MODEL,
+        "with payload_kg measured along, or give each gripper a target offset of its own",
+    ),
     "tool-play": (
         ADJUST,
         "take up the play of the tool along the flange's axis, and measure again",
@@ -116,6 +120,7 @@ BY_STEM = {
     "thermal-growth": _WARM,
     "thermal-expansion": _WARM,
     "thermal-zero": _WARM,
+    "thermal-shift": _WARM,
     "zero-step": (
         ADJUST,
         "set the zero of {joint} anew, find out what moved it, and measure again",

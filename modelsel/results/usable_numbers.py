@@ -39,6 +39,15 @@ from .instrument_numbers import (
 )
 from .map_details import MIN_DISPLACEMENT
 from .quantities import ARC_SECONDS, MILLI, Usable, express, format_figure
+from .target_numbers import (
+    RISE,
+    measure_droop,
+    measure_load,
+    measure_load_shift,
+    measure_stretch,
+    measure_tool_play,
+    measure_warm_shift,
+)
 from .workspace import Fitted, Range
 
 SHIFTS = slice(0, 3)
@@ -48,8 +57,7 @@ PLAYS = ("backlash", "approach-backlash", "overshoot")
 # kinds of state that have two sides
 SIDED = (StateKind.APPROACH, StateKind.DRAG)
 SIDES = "difference between the two directions"
-# K over which thermal effects are told; rad and mm over which slopes are
-RISE = 10.0
+# rad and mm over which slopes are told
 # where a turn of a joint moves the target most; the worst over all readings is told beside it
 AT_LONGEST = "at the target at the longest lever"
 QUARTER_TURN = np.pi / 2
@@ -312,7 +320,7 @@ def _measure_warm_target(reference: float, warm: Fitted) -> Usable:
     return express(words, moved, "mm", "at the target per 10 K")
 
 
-# -- set-up and tool
+# -- set-up
 
 
 def _measure_jump(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
@@ -336,25 +344,6 @@ def _measure_zero(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
     row = fitted.find_worst()
     moved = fitted.moved_at(row)
     yield express("step at the target", moved, "mm", "at the target at most")
-
-
-def _measure_stretch(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
-    yield express("shift of an upright flange axis", fitted.range_of(np.ones(1)), "mm")
-
-
-def _measure_tool_play(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
-    half = fitted.range_of(np.ones(1))
-    yield express("play along the flange axis", half.scale(2.0), "mm")
-
-
-def _measure_load(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
-    words = ("droop of a level flange axis by 1 kg", "shift of an upright one by 1 kg")
-    for what, own in zip(words, np.eye(len(words)), strict=True):
-        yield express(what, fitted.range_of(own), "mm")
-
-
-def _measure_droop(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
-    yield express("droop of a level flange axis", fitted.range_of(np.ones(1)), "mm")
 
 
 MEASURES: Mapping[str, Measure] = {
@@ -386,10 +375,12 @@ MEASURES: Mapping[str, Measure] = {
     "zero-step": _measure_zero,
     "tracker-scale": measure_scale,
     "tracker-axes": measure_axes,
-    "tool-droop": _measure_droop,
-    "tool-stretch": _measure_stretch,
-    "tool-play": _measure_tool_play,
-    "payload-droop": _measure_load,
+    "tool-droop": measure_droop,
+    "tool-stretch": measure_stretch,
+    "tool-play": measure_tool_play,
+    "payload-droop": measure_load,
+    "payload-shift": measure_load_shift,
+    "thermal-shift": measure_warm_shift,
     "tracker-range": measure_range,
     "tracker-azimuth": measure_angle_wave,
     "tracker-zenith": measure_angle_wave,
