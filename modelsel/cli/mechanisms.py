@@ -112,7 +112,7 @@ def _show(name: str | None, robot: str, as_json: bool) -> None:
         return
     for card in cards:
         _print_card(card, in_full=name is not None)
-    _explain_targets(name, targets)
+    _explain_targets(name, targets, registry)
     if name and not cards:
         print_prose(f"{name} does not apply to {robot}.")
     if not name:
@@ -123,10 +123,11 @@ def _show(name: str | None, robot: str, as_json: bool) -> None:
         click.echo(f"plug-in {plugin} is left out: {reason}")
 
 
-def _explain_targets(name: str | None, targets: Sequence[str]) -> None:
+def _explain_targets(name: str | None, targets: Sequence[str], registry: Registry) -> None:
     """Explain a name that is of some targets of several, or may be."""
     from ..mechanisms.campaign_registry import TARGET_STEP
     from ..mechanisms.moved_targets import JOINED
+    from ..mechanisms.target_entries import PerTarget
 
     numbered = [f"target_{k} is {one_line(target)}" for k, target in enumerate(targets, 1)]
     if numbered:
@@ -140,6 +141,8 @@ def _explain_targets(name: str | None, targets: Sequence[str]) -> None:
             f"Of several targets, each may move by itself: {TARGET_STEP}:NAME. Some that move alike "
             f"are told together: {TARGET_STEP}:NAME{JOINED}NAME."
         )
+    elif isinstance(registry.get(name or ""), PerTarget):
+        print_prose(f"Of several targets, each may be moved by itself: {name}:NAME.")
 
 
 def _add_targets(name: str, registry: Registry) -> tuple[tuple[str, ...], Registry]:

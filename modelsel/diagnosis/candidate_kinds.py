@@ -39,6 +39,8 @@ class CandidateKind(Enum):
 
 # kinds that are cells of the error map
 MAP_KINDS = (CandidateKind.CELL, CandidateKind.WAVE, CandidateKind.WAVE_PRODUCT)
+# kinds whose labels are their names
+NAMED_IN_FULL = (CandidateKind.DISTORTION, CandidateKind.TARGET_SHIFT)
 # kinds whose causes have words of their own
 NAMED_IN_WORDS = (
     CandidateKind.TIME_WAVE,
@@ -53,5 +55,4 @@ NAMED_IN_WORDS = (
     CandidateKind.WOUND,
     CandidateKind.PRODUCT,
     CandidateKind.FALL,
-    CandidateKind.TARGET_SHIFT,
 )

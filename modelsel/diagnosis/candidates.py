@@ -23,7 +23,7 @@ from ..fitting.problem import Problem
 from ..mechanisms.terms import Mechanism
 from ..selection.comparison import MAX_CANDIDATES
 from .arm_shapes import find_still_readings, generate_arm_shapes
-from .candidate_kinds import NAMED_IN_WORDS, CandidateKind
+from .candidate_kinds import NAMED_IN_FULL, NAMED_IN_WORDS, CandidateKind
 from .cause_words import write_cause
 from .data_faults import FaultKind, find_fault_kind
 from .joint_shapes import generate_joint_shapes
@@ -102,7 +102,7 @@ class Candidate:
             return mechanism.name
         if self.kind is CandidateKind.FREE_FUNCTION:
             return mechanism.name.partition(" ")[0]
-        if self.kind is CandidateKind.DISTORTION:
+        if self.kind in NAMED_IN_FULL:
             return mechanism.name
         first_term = mechanism.terms[0]
         screw = first_term.screws[0]

@@ -32,6 +32,8 @@ MOST_DRIVERS = 6
 SEEN_WRONGLY = "The instrument measures wrongly, by an amount that depends on where the target is"
 # kinds whose coefficients say little one by one
 WITHOUT_SIZE = (CandidateKind.SHAPE, CandidateKind.DISTORTION)
+# kinds whose own sentences say which target they move, and with what
+OF_TARGET = (CandidateKind.TARGET_CELL, CandidateKind.TARGET_SHIFT)
 # what else a finding could be that is proven down to a level
 REST = {
     "place": "something else there",
@@ -340,6 +342,8 @@ def _describe_shape(effect: Effect) -> str:
         return f"{name_places(effect)} by a free function of its own angle"
     if candidate.kind is CandidateKind.DISTORTION:
         return f"The instrument measures wrongly, by a {candidate.label}"
+    if candidate.kind in OF_TARGET:
+        return candidate.mechanism.sentence
     if candidate.registered and len(candidate.mechanism.names()) > MOST_DRIVERS:
         return f"{name_places(effect)} as {candidate.label} describes, but with other signs"
     return f"{name_places(effect)}{append_cause(candidate.mechanism, causes)}"

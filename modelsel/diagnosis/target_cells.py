@@ -74,16 +74,17 @@ def _build_shifts(problem: Problem) -> Iterator[Mechanism]:
             continue
         cause = Named(name, units[name])
         sentence = f"{THE_TARGET} shifts on the flange in proportion to {name_driver(name)}"
-        yield _build(problem, SHIFTS, cause, f"in any direction with {name}", sentence)
+        frame = problem.robot.n + 1
+        yield _build(problem, SHIFTS, cause, f"frame {frame} shift · {name}", sentence)
 
 
 def _build(
-    problem: Problem, axes: Sequence[str], cause: Cause, words: str, sentence: str
+    problem: Problem, axes: Sequence[str], cause: Cause, name: str, sentence: str
 ) -> Mechanism:
     """Build a shift of all targets along some axes of the flange, a number each."""
     frame = problem.robot.n + 1
     terms = tuple(Term(f"m{axis[1]}", (Screw(frame, axis, cause),)) for axis in axes)
-    return Mechanism(f"{frame} {axes[0]} {words}", terms, sentence)
+    return Mechanism(name, terms, sentence)
 
 
 def _name_cell(cell: Mechanism) -> Mechanism:

@@ -84,7 +84,7 @@ def set_targets(registry: Registry, targets: Sequence[str], listed: Sequence[str
     numbers = number_targets(names, listed)
     named = dict(registry)
     for name, entry in registry.items():
-        if _is_of_targets(entry):
+        if is_of_targets(entry):
             named[name] = replace(entry, targets=names, numbers=numbers)
     return named
 
@@ -94,10 +94,10 @@ def waits_for_targets(name: str, registry: Registry) -> bool:
     are called."""
     stem, colon, _ = name.partition(":")
     entry = registry.get(stem)
-    return bool(colon) and _is_of_targets(entry) and entry.targets is None
+    return bool(colon) and is_of_targets(entry) and entry.targets is None
 
 
-def _is_of_targets(entry: Entry | None) -> TypeGuard[Scanned | PerTarget]:
+def is_of_targets(entry: Entry | None) -> TypeGuard[Scanned | PerTarget]:
     """Return whether an entry is modelsel's own step of the target or one that acts on the target, with
     or without names."""
     is_step = isinstance(entry, Scanned) and entry.build is environment.target_step

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from ..exceptions import StudyError
 from ..robot.kinematics import Robot
-from .target_names import limit_steps, limit_to_each, refuse_target
+from .target_names import choose_targets, limit_steps, limit_to_each, refuse_target
 from .terms import Mechanism
 
 
@@ -38,7 +38,8 @@ def build_of_target(name: str, robot: Robot, entry: PerTarget) -> tuple[Mechanis
         alone = limit_to_each([together], targets, entry.numbers)
         return (together, *alone)
     if given not in targets:
-        refused = refuse_target(name, given, targets)
-        raise refused or StudyError(f'"{name}": {stem} takes the name of a target only.')
+        moved, _ = choose_targets(given, targets)
+        refused = None if moved else refuse_target(name, given, targets)
+        raise refused or StudyError(f'"{name}": {stem} takes the name of one target only.')
     place = targets.index(given)
     return limit_steps([together], [place], targets, entry.numbers)

@@ -10,9 +10,9 @@ from ..diagnosis.usable_names import list_usable_names
 from ..exceptions import StudyError, sentence_list
 from ..fitting.problem import Problem
 from ..measurements.state_names import describe_state_name
-from ..mechanisms.campaign_registry import TARGET_STEP, set_targets
+from ..mechanisms.campaign_registry import TARGET_STEP, is_of_targets, set_targets
 from ..mechanisms.moved_targets import JOINED, find_moved_targets
-from ..mechanisms.registry import Registry, Scanned, build_mechanisms
+from ..mechanisms.registry import Registry, build_mechanisms
 from ..mechanisms.terms import Mechanism
 from ..notices import Note
 
@@ -20,7 +20,8 @@ from ..notices import Note
 @dataclass(frozen=True)
 class Untested:
     """Names of mechanisms that cannot be tested, each with the state variables that are unknown; and
-    steps of targets that have too few rows before or after any moment, or no estimation row."""
+    steps of targets that have too few rows before or after any moment, or what moves a target of which
+    there is no estimation row."""
 
     missing: dict[str, frozenset[str]]
     one_sided: tuple[str, ...] = ()
@@ -95,21 +96,18 @@ def find_untested(
 def find_unseen_steps(
     asked: Sequence[str] | str, problem: Problem, registry: Registry
 ) -> tuple[str, ...]:
-    """Find the names of steps of a target that was left out, as no estimation row measures it."""
+    """Find the names of what moves a target that was left out, as no estimation row measures it."""
     listed = problem.data.listed_targets
     if isinstance(asked, str) or not listed:
         return ()
     registry = set_targets(registry, listed)
-    step = registry.get(TARGET_STEP)
-    if not isinstance(step, Scanned) or not step.targets:
-        return ()
     unseen = []
     for name in asked:
         stem, _, _ = name.partition(":")
-        if stem != TARGET_STEP:
+        if not is_of_targets(registry.get(stem)):
             continue
-        mechanism = build_mechanisms(name, problem.robot, registry)[0]
-        moved = [listed[target.index] for target in find_moved_targets(mechanism)]
+        built = build_mechanisms(name, problem.robot, registry)
+        moved = [listed[target.index] for one in built[:1] for target in find_moved_targets(one)]
         if not set(moved) <= set(problem.data.targets):
             unseen.append(name)
     return tuple(unseen)
@@ -134,7 +132,7 @@ def _list_one_sided(
     asked: Sequence[str], problem: Problem, mechanisms: Sequence[Mechanism]
 ) -> tuple[str, ...]:
     """List the steps of some targets, asked for by name, that no moment has rows on both sides of."""
-    of_targets = [m for m in mechanisms if find_moved_targets(m)]
+    of_targets = [m for m in mechanisms if m.stem == TARGET_STEP and find_moved_targets(m)]
     known = {m.name for m in of_targets if has_both_sides(problem, m)}
     one_sided = dict.fromkeys(m.name for m in of_targets if m.name not in known)
     return tuple(

@@ -75,8 +75,9 @@ def test_a_target_that_there_is_not_is_refused() -> None:
     registry = set_targets(BUILTIN, ["A", "B"])
     with pytest.raises(StudyError, match="the targets are A and B"):
         build_mechanisms("tool-droop:C", ROBOT, registry)
-    with pytest.raises(StudyError, match="takes the name of a target only"):
-        build_mechanisms("tool-droop:3", ROBOT, registry)
+    for given in ("3", "A & B", "A:0.5"):
+        with pytest.raises(StudyError, match="tool-droop takes the name of one target only"):
+            build_mechanisms(f"tool-droop:{given}", ROBOT, registry)
 
 
 def test_a_name_of_one_target_waits_for_the_measurements() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -117,13 +118,15 @@ def hold_out(folder: Path, names: str, model: str) -> Study:
 def test_a_step_of_a_target_that_is_only_held_out_is_told(
     tmp_path: Path, names: str, left: str
 ) -> None:
-    study = hold_out(tmp_path, names, f'candidates = ["target-step:A", "target-step:{left}"]')
+    asked = ["target-step:A", f"target-step:{left}", "tool-droop:A", f"tool-droop:{left}"]
+    study = hold_out(tmp_path, names, f"candidates = {json.dumps(asked)}")
     result = run_study(study, tmp_path, sampling=False)
     (said,) = [w.sentence for w in result.record.warnings if w.code == "candidates-untested"]
     assert said.startswith(
-        "Not every candidate can be tested: target-step:A needs estimation rows of its target."
+        "Not every candidate can be tested: target-step:A needs estimation rows of its target. "
+        "tool-droop:A needs estimation rows of its target."
     )
-    assert f"target-step:{left}" not in said
+    assert f":{left} needs" not in said
 
 
 @pytest.mark.integration
