@@ -1,5 +1,6 @@
-"""Shifts of the target that nobody registered: of one of several by itself, along one axis of the
-flange, with gravity or a column of the data; and in any direction, with a column that has no words."""
+"""Shifts of the target that nobody registered: of several, or of one of them by itself, along one axis
+of the flange, with gravity or a column of the data; and in any direction, with a column that has no
+words."""
 
 from __future__ import annotations
 
@@ -21,30 +22,41 @@ SHIFTS = AXES[:3]
 
 
 def generate_target_cells(problem: Problem) -> Iterator[Unregistered]:
-    """Generate the shifts of the target that the error map of all targets lacks. However many targets
-    there are, one by itself is as likely as all of them together."""
-    shifts = [*_list_own_shifts(problem), *_build_shifts(problem)]
-    count = len(problem.data.targets)
-    numbers = number_targets(problem.data.targets, problem.data.listed_targets)
-    for shift in _build_shifts(problem):
-        yield Unregistered(shift, CandidateKind.TARGET_SHIFT, weight=1.0)
+    """Generate the shifts of the target that the error map lacks. However many targets there are, one
+    by itself is as likely as all of them together."""
+    data = problem.data
+    shifts = [*_build_shifts(problem)]
+    count = len(data.targets)
+    if count > 1:
+        shifts += _list_cells(problem)
+    for shift in shifts:
+        yield Unregistered(shift, _classify(shift), weight=1.0)
     if count == 1:
         return
-    for place, target in enumerate(problem.data.targets):
+    numbers = number_targets(data.targets, data.listed_targets)
+    for place, target in enumerate(data.targets):
         for shift in shifts:
+            kind = _classify(shift)
             own = limit_to_targets(shift, {place: target}, numbers)
-            kind = CandidateKind.TARGET_SHIFT
-            if len(own.terms) == 1:
-                own, kind = _name_cell(own), CandidateKind.TARGET_CELL
+            if kind is CandidateKind.TARGET_CELL:
+                own = _name_cell(own)
             yield Unregistered(own, kind, weight=1 / count)
 
 
-def _list_own_shifts(problem: Problem) -> Iterator[Mechanism]:
+def _classify(shift: Mechanism) -> CandidateKind:
+    """Return whether a shift is along one axis or in any direction."""
+    if len(shift.terms) == 1:
+        return CandidateKind.TARGET_CELL
+    return CandidateKind.TARGET_SHIFT
+
+
+def _list_cells(problem: Problem) -> Iterator[Mechanism]:
     """List shifts along an axis of the flange with gravity and with columns of the data."""
     for cause, words in _list_causes(problem):
         for axis in SHIFTS:
             sentence = f"{THE_TARGET} shifts along the flange's {axis[1]} axis {words}"
-            yield _build(problem, (axis,), cause, str(cause), sentence)
+            cell = _build(problem, (axis,), cause, "", sentence)
+            yield _name_cell(cell)
 
 
 def _list_causes(problem: Problem) -> Iterator[tuple[Cause, str]]:
@@ -88,7 +100,7 @@ def _build(
 
 
 def _name_cell(cell: Mechanism) -> Mechanism:
-    """Name a shift of one target along one axis as the error map names its cells."""
+    """Name a shift along one axis as the error map names its cells."""
     (term,) = cell.terms
     (screw,) = term.screws
     return replace(cell, name=f"{screw.frame} {screw.axis} {screw.cause}")

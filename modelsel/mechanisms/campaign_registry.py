@@ -93,8 +93,10 @@ def waits_for_targets(name: str, registry: Registry) -> bool:
     """Return whether a name may be of one target of several, before the measurements say how these
     are called."""
     stem, colon, _ = name.partition(":")
+    if not colon:
+        return False
     entry = registry.get(stem)
-    return bool(colon) and is_of_targets(entry) and entry.targets is None
+    return is_of_targets(entry) and entry.targets is None
 
 
 def is_of_targets(entry: Entry | None) -> TypeGuard[Scanned | PerTarget]:
