@@ -289,6 +289,16 @@ def test_a_place_without_a_name_has_numbers_where_its_driver_has(axis, cause, ex
     assert got == {key: (pytest.approx(value), unit) for key, (value, unit) in expected.items()}
 
 
+def test_a_shift_of_the_target_is_told_by_kelvin_or_kilogram() -> None:
+    warm = mechanism("thermal-shift", ARM)
+    (shift,) = list_usable(warm, fitted(warm, 0.02, -0.01, 0.02))
+    assert (shift.value, shift.unit) == (pytest.approx(0.3), "mm")
+    assert shift.text.endswith("per 10 K, counted from 20 °C")
+    loaded = mechanism("payload-shift", ARM)
+    got = numbers(loaded, fitted(loaded, 0.03, 0.0, -0.04))
+    assert got == {"shift on the flange by 1 kg": (pytest.approx(0.05), "mm")}
+
+
 def test_a_step_of_the_target_is_its_whole_shift() -> None:
     step = build_mechanisms("target-step:0.5", ARM)[0]
     assert numbers(step, fitted(step, 0.3, 0.4, 0.0)) == {"shift": (pytest.approx(0.5), "mm")}
