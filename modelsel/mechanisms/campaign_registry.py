@@ -30,11 +30,22 @@ def set_reference(registry: Registry, reference: float, lags: Sequence[int] = ()
         builtin = BUILTIN[name]
         if entry is builtin:
             counted[name] = own
-        elif isinstance(entry, PerTarget) and isinstance(own, PerTarget):
-            # of several targets: all but their names is modelsel's own
-            bare = replace(entry, targets=None, numbers=())
-            counted[name] = replace(entry, build=own.build) if bare == builtin else entry
+        elif isinstance(entry, PerTarget) and _is_but_for_targets(entry, builtin):
+            counted[name] = _name_targets(own, entry.targets or (), entry.numbers)
     return counted
+
+
+def _is_but_for_targets(entry: PerTarget, builtin: Entry) -> bool:
+    """Return whether an entry is modelsel's own but for the names of targets."""
+    bare = replace(entry, targets=None, numbers=())
+    return bare == builtin
+
+
+def _name_targets(entry: Entry, targets: tuple[str, ...], numbers: tuple[int, ...]) -> Entry:
+    """Return an entry that acts on the target with the names of several."""
+    if is_of_targets(entry):
+        return replace(entry, targets=targets, numbers=numbers)
+    return entry
 
 
 def _build_late(reference: float, lags: tuple[int, ...]) -> Registry:
@@ -42,11 +53,14 @@ def _build_late(reference: float, lags: tuple[int, ...]) -> Registry:
     growth = partial(environment.thermal_growth, reference=reference)
     expansion = partial(environment.late_expansion, reference=reference)
     zero = partial(environment.thermal_zero, reference=reference)
+    shift = partial(environment.thermal_shift, reference=reference)
     list_lags = partial(_choose_lags, lags=lags)
     return {
         "thermal-growth": Scanned(growth, list_lags, environment.growing_links),
         "thermal-expansion": Scanned(expansion, partial(_choose_of_growing, lags=lags)),
         "thermal-zero": Scanned(zero, list_lags, drives.all_joints),
+        # it takes the names of several targets
+        "thermal-shift": Scanned(shift, list_lags, targets=()),
     }
 
 
@@ -84,8 +98,7 @@ def set_targets(registry: Registry, targets: Sequence[str], listed: Sequence[str
     numbers = number_targets(names, listed)
     named = dict(registry)
     for name, entry in registry.items():
-        if is_of_targets(entry):
-            named[name] = replace(entry, targets=names, numbers=numbers)
+        named[name] = _name_targets(entry, names, numbers)
     return named
 
 
@@ -102,5 +115,6 @@ def waits_for_targets(name: str, registry: Registry) -> bool:
 def is_of_targets(entry: Entry | None) -> TypeGuard[Scanned | PerTarget]:
     """Return whether an entry is modelsel's own step of the target or one that acts on the target, with
     or without names."""
-    is_step = isinstance(entry, Scanned) and entry.build is environment.target_step
-    return is_step or isinstance(entry, PerTarget)
+    if isinstance(entry, Scanned):
+        return entry.build is environment.target_step or entry.targets is not None
+    return isinstance(entry, PerTarget)

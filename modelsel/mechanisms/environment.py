@@ -151,14 +151,16 @@ def thermal_zero(
     )
 
 
-def thermal_shift(robot: Robot, reference: float = REFERENCE) -> Mechanism:
-    """The target, or what holds it, shifts on the flange with temperature, in a direction of its own."""
-    rise = temperature_rise(reference)
+def thermal_shift(robot: Robot, lag: int = 0, *, reference: float = REFERENCE) -> Mechanism:
+    """The target, or what holds it, shifts on the flange with temperature, with a lag [min] late, in a
+    direction of its own."""
+    rise = temperature_rise(reference, lag)
+    temperature = _name_temperature(lag)
     terms = tuple(Term(f"s{a}", (Screw(robot.n + 1, a, rise),), SHIFT_BY_DEGREE) for a in AXES[:3])
     return Mechanism(
         "thermal-shift",
         terms,
-        f"The target shifts on the flange with temperature, counted from {reference:g} °C.",
+        f"The target shifts on the flange with {temperature}, counted from {reference:g} °C.",
         f"target offset = s · ({rise})",
         "ISO 230-3, thermal effects; ISO 1, 20 °C",
         usual_causes=("expansion of its bracket or of the tool", "heat of a motor in the wrist"),

@@ -101,6 +101,19 @@ def test_a_shift_with_temperature_counts_from_that_of_the_campaign() -> None:
     assert reference_of("thermal-shift", set_reference(set_targets(BUILTIN, ["A"]), 27.0)) == {27.0}
 
 
+@pytest.mark.parametrize("targets", [["A"], ["A", "B"]])
+def test_a_shift_that_is_late_is_one_of_the_targets_as_well(targets: list[str]) -> None:
+    late = set_reference(BUILTIN, 20.0, (15,))
+    named = set_reference(set_targets(BUILTIN, targets), 20.0, (15,))
+    alone = targets if len(targets) > 1 else []
+    for registry in (set_targets(late, targets), named, set_targets(named, targets)):
+        built = build_mechanisms("thermal-shift", ROBOT, registry)
+        names = ["thermal-shift", *(f"thermal-shift:{name}" for name in alone)]
+        assert [m.name for m in built] == [name for name in names for _ in range(2)]
+        assert "15 min late" in built[1].sentence
+        assert mechanism("thermal-shift", ROBOT, registry) == mechanism("thermal-shift", ROBOT)
+
+
 def test_a_strangers_mechanism_of_the_target_stays_its_own() -> None:
     mine: Registry = {**BUILTIN, "thermal-shift": PerTarget(nudge)}
     registry = set_reference(set_targets(mine, ["A", "B"]), 27.0)
