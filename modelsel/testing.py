@@ -306,7 +306,9 @@ def law5_symbols_and_units(mechanism: Mechanism, at: Problem, rng: np.random.Gen
         unit = term.unit
         require(term.screws, f"L5: {symbol} drives no screw")
         base, *_ = unit.replace("/", " ").split()
-        require(base in ("mm", "rad", "1"), f"L5: {symbol} has the unit {unit}")
+        follows_speed = all(screw.cause.unit.endswith("/s") for screw in term.screws)
+        allowed = ("s",) if follows_speed else ("mm", "rad", "1")
+        require(base in allowed, f"L5: {symbol} has the unit {unit}")
         for screw in term.screws:
             cause = screw.cause
             if cause.unit == "1" and len(term.screws) == 1:

@@ -39,7 +39,7 @@ from .unregistered import (
     generate_unregistered,
     list_distinct_places,
 )
-from .usable_names import list_usable_names
+from .usable_names import find_lacking
 
 MANY_FRAMES = 4  # that one number moves, from which they are told together
 # share of the prior probability that the registered mechanisms have together
@@ -246,11 +246,10 @@ def _select_applicable(
     problem: Problem, base: Model, mechanisms: Sequence[Mechanism]
 ) -> list[Mechanism]:
     """Select the mechanisms whose causes the data have and whose terms the base lacks."""
-    available = list_usable_names(problem)
     present = {term.key for term in base.terms}
     applicable = []
     for m in mechanisms:
-        has_causes = m.names() <= available
+        has_causes = not find_lacking(problem, m)
         if has_causes and not collect_screws(m) <= present:
             applicable.append(m)
     return drop_equal_constants(problem, applicable)

@@ -25,13 +25,17 @@ def generate_changing(problem: Problem, found: Mechanism) -> Iterator[Mechanism]
     if count > MOST_TERMS or drivers & IN_TIME:
         return
     for course in build_warming_causes(problem):
-        yield _change(found, course)
+        yield change(found, course)
 
 
-def _change(found: Mechanism, course: Cause) -> Mechanism:
+def change(found: Mechanism, course: Cause) -> Mechanism:
+    """Build a finding's shape with that shape times a course, in either direction."""
     own = [replace(term, sign=0) for term in found.terms]
     changed = []
     for number, term in enumerate(found.terms, 1):
         screws = tuple(Screw(s.frame, s.axis, s.cause * course) for s in term.screws)
         changed.append(Term(f"c{number}", screws))
-    return Mechanism(f"{found.name} times {course}", (*own, *changed))
+    terms = (*own, *changed)
+    # not the finding's own name, by which its numbers would be measured
+    acts = dict.fromkeys(str(screw) for term in terms for screw in term.screws)
+    return Mechanism("; ".join(acts), terms)

@@ -11,6 +11,18 @@ IN_TIME = frozenset(("progress", "time_s", "since_rest_s"))
 LEVELS_OFF = 2.0
 # range of readings [rad, mm] of a joint that stands still: what changes there is the encoder's noise
 STILL = 1e-3
+# covariates with which a shape may change, at most, in the order of the file
+MOST_COVARIATES = 8
+
+
+def list_varying(problem: Problem) -> list[str]:
+    """List the covariates that vary, but for the clock."""
+    covariates = problem.data.covariates
+    varying = []
+    for name, values in covariates.items():
+        if name not in IN_TIME and values.max() > values.min():
+            varying.append(name)
+    return varying[:MOST_COVARIATES]
 
 
 def scale_driver(problem: Problem, name: str) -> Cause:

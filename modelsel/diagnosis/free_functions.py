@@ -15,7 +15,7 @@ from ..mechanisms.causes import ONE, Cause, Named
 from ..mechanisms.motors import joint_axis
 from ..mechanisms.terms import Mechanism, Screw, Term
 from .distinct_places import Place
-from .driver_functions import level_off, scale_driver
+from .driver_functions import level_off, list_varying, scale_driver
 from .torque_powers import generate_loaded
 from .unregistered import build_bumps, list_distinct_places
 
@@ -55,6 +55,13 @@ def build_function(problem: Problem, place: Place, name: str, intervals: int) ->
     """Build a free function of one driver at a place, with so many knot intervals."""
     basis = _build_basis(problem, name, intervals)
     return _build((place, function) for function in basis)
+
+
+def build_free(
+    problem: Problem, places: Iterable[Place], name: str, times: Sequence[Cause] = (ONE,)
+) -> Mechanism:
+    """Build a free function of one driver at some places, times other causes."""
+    return _build(_free(problem, places, name, times))
 
 
 def build_surface(problem: Problem, place: Place, first: str, second: str) -> Mechanism:
@@ -181,10 +188,10 @@ def _list_shaped(problem: Problem, drivers: Drivers) -> list[str]:
 
 
 def _list_others(problem: Problem, drivers: Drivers) -> list[str]:
-    """List what an error may depend on by a free function but for some drivers: joints, and the course
-    of the campaign."""
+    """List what an error may depend on by a free function but for some drivers: joints, the course of
+    the campaign, and covariates."""
     joints = [f"q{j}" for j in range(1, problem.robot.n + 1)]
-    names = (*joints, name_time(problem))
+    names = (*joints, name_time(problem), *list_varying(problem))
     return [n for n in names if n not in drivers and has_shape(problem, n)]
 
 

@@ -15,6 +15,7 @@ from ..mechanisms.motors import joint_axis
 from ..mechanisms.terms import Mechanism
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate, find_cell_prior
+from .driver_functions import list_varying
 from .free_functions import build_function, build_surface, has_shape, name_time
 from .joint_drags import generate_drags
 from .unlisted_shapes import FURTHER, UNLISTED_ODDS
@@ -60,14 +61,15 @@ def generate_curves(problem: Problem, joint: int) -> Iterator[Mechanism]:
 
 
 def generate_surfaces(problem: Problem, joint: int) -> Iterator[Mechanism]:
-    """Generate functions of two drivers at a joint's motion: its own reading and another's, or any
-    reading and the course of the campaign."""
+    """Generate functions of two drivers at a joint's motion: its own reading and another's or a
+    covariate, or any reading and the course of the campaign."""
     place = joint, joint_axis(problem.robot, joint)
     own = f"q{joint}"
     readings = _list_readings(problem)
     time = name_time(problem)
     pairs = [(own, other) for other in readings if other != own]
     pairs += [(reading, time) for reading in readings]
+    pairs += [(own, covariate) for covariate in list_varying(problem)]
     for pair in pairs:
         if all(has_shape(problem, name) for name in pair):
             for first, second in permutations(pair):

@@ -23,6 +23,7 @@ from .candidate_kinds import CandidateKind
 from .candidates import Candidate
 from .changing_shapes import generate_changing
 from .confounded_covariates import generate_confounded
+from .covariate_shapes import generate_by_covariates, generate_instead_of_time
 from .distinct_places import Place
 from .driver_functions import IN_TIME
 from .field_distortions import generate_distortions, is_seen_wrongly
@@ -216,6 +217,7 @@ def list_rivals(problem: Problem, candidate: Candidate, price: Price | None = No
     own = candidate.mechanism
     more = list(generate_more_drivers(problem, own))
     changing = list(generate_changing(problem, own))
+    by_covariates = list(generate_by_covariates(problem, own))
     return [
         *_list_alike(problem, candidate, alike),
         *_list_falls(problem, candidate, max(price)),
@@ -227,6 +229,8 @@ def list_rivals(problem: Problem, candidate: Candidate, price: Price | None = No
         *_weigh(more, "place", MORE_DRIVERS * alike),
         # with this very constant
         *_weigh(changing, "place", CHANGING * candidate.prior),
+        *_weigh(by_covariates, "place", CHANGING * candidate.prior),
+        *_list_instead_of_time(problem, candidate, price.finding),
         *confounded,
     ]
 
@@ -281,6 +285,12 @@ def _list_elsewhere(
         yield from _weigh(mechanisms, "place", odds)
     for mechanisms in generate_other_places(problem, own):
         yield from _weigh(mechanisms, "", share * odds)
+
+
+def _list_instead_of_time(problem: Problem, candidate: Candidate, prior: float) -> Iterator[Rival]:
+    """List covariates in the place of time: each as probable as the finding in time."""
+    for mechanisms in generate_instead_of_time(problem, candidate.mechanism):
+        yield from _weigh(mechanisms, "place", prior)
 
 
 def _list_confounded(problem: Problem, candidate: Candidate, prior: float) -> Iterator[Rival]:

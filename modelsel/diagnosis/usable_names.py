@@ -1,9 +1,19 @@
-"""State variables that mechanisms may look at."""
+"""What the measurements say about what mechanisms depend on."""
 
 from __future__ import annotations
 
 from ..fitting.problem import Problem
 from ..measurements.state_names import NEED_INSTRUMENT, state_kind
+from ..mechanisms.drives import SERVO_LAG
+from ..mechanisms.terms import Mechanism
+
+
+def find_lacking(problem: Problem, mechanism: Mechanism) -> frozenset[str]:
+    """Find the state variables that a mechanism depends on and of which the measurements say nothing:
+    of a servo's lag the speed, where the arm stood still to be measured."""
+    if mechanism.stem == SERVO_LAG and not problem.data.in_motion:
+        return mechanism.names()
+    return mechanism.names() - list_usable_names(problem)
 
 
 def list_usable_names(problem: Problem) -> frozenset[str]:

@@ -18,10 +18,10 @@ from ..robot.coupling import Coupling, readings_of
 from ..robot.rigid import to_quaternion
 from .clock_history import derive_late, derive_since_rest
 from .column_names import list_named_columns
+from .continuous_motion import add_speed
 from .features import COORDINATES, KINDS, Feature, KindColumns, add_kind_columns, collect_features
 from .joint_path import JointPath
 from .motion import APPROACH_FROM_ORDER, MeasuredRows, Waypoints, describe_motion, trace_motion
-from .rates import derive_rates
 from .reference_temperature import REFERENCE, TEMPERATURE, choose_reference
 from .row_order import compute_progress
 from .row_places import Where
@@ -110,11 +110,10 @@ class Measurements:
     coupling: Coupling | None = None  # how motors move the joints; None: each its own
     # (m, n) how fast each joint (coupled: motor) moved, rad/s or mm/s; None without a clock
     rate: Array | None = None
+    in_motion: bool = False  # whether the arm moved on while it was measured
     path: JointPath | None = None  # through all visits; None where directions of approach are given
     on_path: Index | None = None  # (m,) place of each row's visit on it
-    since_rest: Array | None = (
-        None  # (m,) s since the arm last stood for long; None without a clock
-    )
+    since_rest: Array | None = None  # (m,) s since the arm last stood for long; None: no clock
     # (m, L) °C, temperature as masses of the time constants LAGS have it; None without a clock
     late_temperature: Array | None = None
 
@@ -317,10 +316,11 @@ def build_measurements(
     group_index, groups = (same, ONE_GROUP) if group is None else number_keys(group)
     place = np.arange(m) if row is None else row
     rows = MeasuredRows(q, place, group, configuration, order)
-    motion = trace_motion(rows, waypoints, coupling, prismatic)
-    given = None if approach is None else np.asarray(approach, float)
     covariates = dict(covariates or {})
     time = covariates.get("time_s")
+    traced = trace_motion(rows, waypoints, coupling, prismatic)
+    motion, speed = add_speed(traced, readings_of(coupling, q), group_index, time)
+    given = None if approach is None else np.asarray(approach, float)
     data = Measurements(
         q,
         position,
@@ -343,7 +343,8 @@ def build_measurements(
         prismatic=tuple(prismatic),
         reference_celsius=choose_reference(covariates),
         coupling=coupling,
-        rate=derive_rates(readings_of(coupling, q), group_index, motion.visit, time),
+        rate=speed.rate,
+        in_motion=speed.goes_on,
         path=motion.find_path(given),
         on_path=motion.on_path,
         since_rest=derive_since_rest(group_index, time),

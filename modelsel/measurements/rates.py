@@ -31,18 +31,23 @@ def derive_rates(readings: Array, group: Index, visit: Index, time: Array | None
 
 def _derive_in_group(readings: Array, time: Array) -> Array:
     """Derive the rates (m, n) of one group's rows."""
-    times, place = np.unique(time, return_inverse=True)
-    place = place.reshape(-1)
-    count = len(times)
-    if count < 2:
+    times, place, means = average_by_time(readings, time)
+    if len(times) < 2:
         return np.zeros(readings.shape)
-    joints = readings.shape[1]
-    sums = np.zeros((count, joints))
-    np.add.at(sums, place, readings)
-    rows = np.bincount(place)
-    means = sums / rows[:, None]
     rates = _differentiate(times, means)
     return rates[place]
+
+
+def average_by_time(readings: Array, time: Array) -> tuple[Array, Index, Array]:
+    """Average the readings (m, n) of rows at one time: the distinct times (u,), the place (m,) of each
+    row among them, the mean readings (u, n)."""
+    times, place = np.unique(time, return_inverse=True)
+    place = place.reshape(-1)
+    joints = readings.shape[1]
+    sums = np.zeros((len(times), joints))
+    np.add.at(sums, place, readings)
+    rows = np.bincount(place)
+    return times, place, sums / rows[:, None]
 
 
 def _differentiate(times: Array, values: Array) -> Array:

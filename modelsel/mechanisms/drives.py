@@ -300,7 +300,35 @@ def time_offset(robot: Robot) -> Mechanism:
         "θ = q + delay · speed, all joints alike",
         "latency of instruments in motion; ISO 9283, path accuracy",
         f"{begin} an earlier moment than the joint readings beside it, by the same time in all rows.",
-        ("latency of the instrument or of the readings", "clocks that are not the same"),
+        (
+            "latency of the instrument or of the readings",
+            "clocks that are not the same",
+            "following error of all servos, where readings are commanded",
+        ),
+    )
+
+
+# a mechanism that only a campaign measured in motion may show
+SERVO_LAG = "servo-lag"
+
+
+def servo_lag(robot: Robot, joint: int) -> Mechanism:
+    """In a motion that goes on a joint is behind its reading by what it moves in a short time: a
+    position servo follows its command with an error in proportion to the speed. One that is measured
+    late, or whose speed is fed forward too strongly, is ahead."""
+    speed = Named(f"rate{joint}", f"{robot.unit(joint)}/s")
+    term = Term(f"l{joint}", drive_screws(robot, joint, speed), (1e-5, 1e-1), -1)
+    return Mechanism(
+        f"{SERVO_LAG}:{joint}",
+        (term,),
+        f"{_begin(robot, joint)} is behind its reading in motion, in proportion to its speed.",
+        f"{drive_angle(robot, joint)} + l · speed of {name_drive(robot, joint)}, l < 0",
+        "following error of position servos; ISO 9283, path accuracy",
+        f"{_begin(robot, joint)} is ahead of its reading in motion, in proportion to its speed.",
+        usual_causes=(
+            "following error of its servo, where readings are commanded",
+            "delay of its encoder or of a filter",
+        ),
     )
 
 

@@ -111,6 +111,7 @@ _BUILTIN: Registry = {
     "approach-backlash": PerJoint(drives.approach_backlash, drives.all_joints),
     "overshoot": PerJoint(drives.overshoot, drives.all_joints),
     "settle": PerJoint(drives.settling, drives.all_joints),
+    drives.SERVO_LAG: PerJoint(drives.servo_lag, drives.all_joints),
     **build_thermal(),
     "tracker-drift": Scanned(environment.tracker_drift, lambda robot: (1.0, 0.25, 0.1)),
     "tracker-step": Scanned(

@@ -117,6 +117,10 @@ BY_STEM = {
     "approach-backlash": _PLAY,
     "overshoot": _STILL,
     "settle": _STILL,
+    "servo-lag": (
+        ADJUST,
+        "the servo of {joint}, or measure with the arm at rest; the angles that it should reach do not predict it",
+    ),
     "thermal-growth": _WARM,
     "thermal-expansion": _WARM,
     "thermal-zero": _WARM,

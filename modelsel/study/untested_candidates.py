@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from ..diagnosis.scanned_constants import has_both_sides
-from ..diagnosis.usable_names import list_usable_names
+from ..diagnosis.usable_names import find_lacking
 from ..exceptions import StudyError, sentence_list
 from ..fitting.problem import Problem
 from ..measurements.state_names import describe_state_name
@@ -75,13 +75,12 @@ def find_untested(
     of `unseen` targets are known."""
     if isinstance(asked, str) or not asked:
         return Untested({})
-    available = list_usable_names(problem)
     unknown = {}
     tested = set()
     for mechanism in mechanisms:
-        lacking = mechanism.names() - available
+        lacking = find_lacking(problem, mechanism)
         if lacking:
-            unknown[mechanism.name] = frozenset(lacking)
+            unknown[mechanism.name] = lacking
         else:
             tested.add(mechanism.name.partition(":")[0])
     missing = {}
