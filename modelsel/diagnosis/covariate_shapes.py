@@ -9,9 +9,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from ..fitting.problem import Problem
-from ..mechanisms.causes import ONE, Cause, Named, cos, q, sin
+from ..mechanisms.causes import Cause, Named, cos, q, sin
 from ..mechanisms.terms import Mechanism
 from .changing_shapes import MOST_TERMS, change
+from .distinct_places import Place
 from .driver_functions import IN_TIME, list_varying, scale_driver
 from .free_functions import build_free, generate_shapes, has_shape
 from .unregistered import build_cell
@@ -41,7 +42,8 @@ def generate_instead_of_time(problem: Problem, found: Mechanism) -> Iterator[lis
         if name == own:
             continue
         scaled = scale_driver(problem, name)
-        shapes = [build_cell(places[0], _list_products(frame, own, scaled))]
+        functions = _list_functions(problem, frame, own)
+        shapes = _build_products(places[0], functions, scaled)
         if own == f"approach{frame}" and has_shape(problem, name):
             shapes.append(build_free(problem, places, name, (Named(own),)))
         if has_shape(problem, own) and has_shape(problem, name):
@@ -50,10 +52,32 @@ def generate_instead_of_time(problem: Problem, found: Mechanism) -> Iterator[lis
         yield shapes
 
 
-def _list_products(frame: int, own: str, factor: Cause) -> tuple[Cause, ...]:
-    """List a driver, of a reading its wave once a turn, and the same times a factor."""
-    causes: tuple[Cause, ...] = (Named(own),)
-    if own == f"q{frame}":
-        angle = q(frame)
-        causes = (sin(angle), cos(angle))
-    return tuple(one if by == ONE else one * by for by in (ONE, factor) for one in causes)
+def generate_wave_products(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
+    """Generate a joint's wave once a turn times a covariate, alone and beside the wave. None for a
+    finding that does not move one joint with its own reading and a covariate."""
+    places = list(found.names_by_place())
+    frame, _ = places[0]
+    own = f"q{frame}"
+    others = found.names() - {own}
+    if len(places) != 1 or len(others) != 1 or others == found.names():
+        return
+    (name,) = others
+    if name in list_varying(problem):
+        scaled = scale_driver(problem, name)
+        yield from _build_products(places[0], _list_functions(problem, frame, own), scaled)
+
+
+def _list_functions(problem: Problem, frame: int, own: str) -> list[Cause]:
+    """List the functions of a driver that a factor may change: of a turning joint's own angle its wave
+    once a turn."""
+    unit = problem.names()[own]
+    if own != f"q{frame}" or unit != "rad":
+        return [Named(own, unit)]
+    angle = q(frame)
+    return [sin(angle), cos(angle)]
+
+
+def _build_products(place: Place, functions: list[Cause], factor: Cause) -> list[Mechanism]:
+    """Build functions times a factor at a place, alone and beside the functions."""
+    products = [function * factor for function in functions]
+    return [build_cell(place, tuple(products)), build_cell(place, (*functions, *products))]

@@ -23,7 +23,11 @@ from .candidate_kinds import CandidateKind
 from .candidates import Candidate
 from .changing_shapes import generate_changing
 from .confounded_covariates import generate_confounded
-from .covariate_shapes import generate_by_covariates, generate_instead_of_time
+from .covariate_shapes import (
+    generate_by_covariates,
+    generate_instead_of_time,
+    generate_wave_products,
+)
 from .distinct_places import Place
 from .driver_functions import IN_TIME
 from .field_distortions import generate_distortions, is_seen_wrongly
@@ -65,6 +69,7 @@ MAX_PARTS = 6
 SIMPLE = {
     generate_bumps: CandidateKind.BUMP,
     generate_products: CandidateKind.SHAPE,
+    generate_wave_products: CandidateKind.SHAPE,
     generate_soft_lags: CandidateKind.SOFT_LAG,
     generate_drags_instead: CandidateKind.HYSTERESIS,
     generate_saws: CandidateKind.SAW,

@@ -11,7 +11,11 @@ from hidden_arm import measured as measure
 
 from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate
-from modelsel.diagnosis.covariate_shapes import generate_by_covariates, generate_instead_of_time
+from modelsel.diagnosis.covariate_shapes import (
+    generate_by_covariates,
+    generate_instead_of_time,
+    generate_wave_products,
+)
 from modelsel.diagnosis.effects import Effect
 from modelsel.diagnosis.procedure import diagnose
 from modelsel.diagnosis.signatures import PROVEN
@@ -78,6 +82,26 @@ def test_covariates_stand_in_the_place_of_time(rng: Rng) -> None:
     lasting = Mechanism("own", (Term("m", (Screw(3, "rz", q(3)),)),))
     assert list(generate_instead_of_time(at, drift)) == []
     assert list(generate_instead_of_time(at, lasting)) == []
+
+
+@seeds(1)
+def test_a_joint_may_turn_unevenly_in_proportion_to_a_covariate(rng: Rng) -> None:
+    at = drawn("puma760", rng, 40)
+    warm = Named("temperature_C", "C") * q(3)
+    found = Mechanism("own", (Term("m", (Screw(3, "rz", warm),)),))
+    alone, beside = generate_wave_products(at, found)
+    temperature = at.data.covariates["temperature_C"]
+    middle = (temperature.min() + temperature.max()) / 2
+    share = 2 * (temperature - middle) / np.ptp(temperature)
+    angle = at.data.q[:, 2]
+    for term, wave in zip(alone.terms, (np.sin(angle), np.cos(angle)), strict=True):
+        (screw,) = term.screws
+        assert (screw.frame, screw.axis) == (3, "rz")
+        assert screw.cause.of(at.state) == pytest.approx(share * wave, abs=1e-4)
+    assert len(beside.terms) == 4
+    rivals = list_rivals(at, Candidate(found, CandidateKind.SHAPE, 0.1))
+    assert {alone, beside} <= {rival.candidate.mechanism for rival in rivals}
+    assert list(generate_wave_products(at, mechanism("encoder-scale:3", at.robot))) == []
 
 
 def swing(rng: Rng) -> np.ndarray:

@@ -24,14 +24,16 @@ SIGMA = 0.02
 Rng = np.random.Generator
 
 
-def follow(rng: Rng, body: Arm, m: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Times (m,) of a path of two waves a joint, its readings and speeds (m, n)."""
+def follow(
+    rng: Rng, body: Arm, m: int, waves: tuple[int, int] = (2, 8)
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times (m,) of a path of two sines a joint, each of so many waves, its readings and speeds (m, n)."""
     time = 0.6 * np.cumsum(rng.uniform(0.7, 1.3, m))
     low, high = body.limits.clip(-2.6, 2.6).T
     q = np.tile((low + high) / 2, (m, 1))
     rate = np.zeros_like(q)
     for share in (0.3, 0.15):
-        speed = rng.uniform(2, 8, body.n) * 2 * np.pi / time[-1]
+        speed = rng.uniform(*waves, body.n) * 2 * np.pi / time[-1]
         angle = np.outer(time, speed) + rng.uniform(0, 2 * np.pi, body.n)
         q += share * (high - low) * np.sin(angle)
         rate += share * (high - low) * speed * np.cos(angle)
@@ -93,10 +95,10 @@ def test_joints_that_follow_late_are_told_by_their_speed(rng: Rng) -> None:
 def test_friction_in_motion_has_the_direction_of_the_speed(rng: Rng) -> None:
     """It was told as a part of the last move that levels off."""
     body = arm(load_robot("ur5e"), rng, TOOL)
-    time, q, rate = follow(rng, body, 180)
+    time, q, rate = follow(rng, body, 180, (6, 14))
     joint = int(rng.integers(1, 4))
     stands = q.copy()
-    stands[:, joint - 1] -= 1.5e-4 * np.sign(rate[:, joint - 1])
+    stands[:, joint - 1] -= 2e-4 * np.sign(rate[:, joint - 1])
     effects = explain(rng, body, q, stands, time)
     assert list_proven(effects) == {f"approach-backlash:{joint}"}
     assert len(effects) == 1
