@@ -6,7 +6,7 @@ meanwhile may be a covariate that was written down."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 from ..fitting.problem import Problem
 from ..mechanisms.causes import Cause, Named, cos, q, sin
@@ -22,49 +22,70 @@ def generate_by_covariates(problem: Problem, found: Mechanism) -> Iterator[Mecha
     """Generate a finding's shape with that shape times each covariate. None for a finding that depends
     on a covariate or on time already."""
     covariates = list_varying(problem)
-    known = found.names() & (IN_TIME | set(covariates))
-    if len(found.terms) > MOST_TERMS or known:
+    excluded = IN_TIME.union(covariates)
+    known = found.names() & excluded
+    count = len(found.terms)
+    if known or count > MOST_TERMS:
         return
     for name in covariates:
-        yield change(found, scale_driver(problem, name))
+        scaled = scale_driver(problem, name)
+        yield change(found, scaled)
 
 
 def generate_instead_of_time(problem: Problem, found: Mechanism) -> Iterator[list[Mechanism]]:
     """Generate what moves one place with something else and the course of the campaign, with a covariate
     in the place of time; those of one covariate together. None for any other finding."""
-    places = list(found.names_by_place())
-    others = found.names() - IN_TIME
-    if len(places) != 1 or len(others) != 1 or others == found.names():
+    place, others = _find_place(found, IN_TIME)
+    if place is None:
         return
     (own,) = others
-    frame, _ = places[0]
     for name in list_varying(problem):
         if name == own:
             continue
-        scaled = scale_driver(problem, name)
-        functions = _list_functions(problem, frame, own)
-        shapes = _build_products(places[0], functions, scaled)
-        if own == f"approach{frame}" and has_shape(problem, name):
-            shapes.append(build_free(problem, places, name, (Named(own),)))
-        if has_shape(problem, own) and has_shape(problem, name):
-            drivers = frozenset((own, name))
-            shapes += generate_shapes(problem, {places[0]: drivers})
+        shapes = _build_products(problem, place, own, name)
+        if has_shape(problem, name):
+            shapes += _build_free_shapes(problem, place, own, name)
         yield shapes
+
+
+def _find_place(found: Mechanism, names: Collection[str]) -> tuple[Place | None, frozenset[str]]:
+    """Find the one place of a finding that depends on some names and one more, and that one; None for
+    any other finding."""
+    drivers = found.names()
+    others = drivers.difference(names)
+    places = list(found.names_by_place())
+    is_one = len(places) == 1 and len(others) == 1
+    if not is_one or others == drivers:
+        return None, others
+    return places[0], others
+
+
+def _build_free_shapes(problem: Problem, place: Place, own: str, name: str) -> list[Mechanism]:
+    """Build free functions of a driver that a place has and a covariate."""
+    frame, _ = place
+    if has_shape(problem, own):
+        drivers = frozenset((own, name))
+        both = {place: drivers}
+        return list(generate_shapes(problem, both))
+    if own != f"approach{frame}":
+        return []
+    side = Named(own)
+    free = build_free(problem, [place], name, [side])
+    return [free]
 
 
 def generate_wave_products(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
     """Generate a joint's wave once a turn times a covariate, alone and beside the wave. None for a
     finding that does not move one joint with its own reading and a covariate."""
-    places = list(found.names_by_place())
-    frame, _ = places[0]
-    own = f"q{frame}"
-    others = found.names() - {own}
-    if len(places) != 1 or len(others) != 1 or others == found.names():
+    first = found.terms[0].screws[0]
+    own = f"q{first.frame}"
+    place, others = _find_place(found, (own,))
+    if place is None:
         return
     (name,) = others
-    if name in list_varying(problem):
-        scaled = scale_driver(problem, name)
-        yield from _build_products(places[0], _list_functions(problem, frame, own), scaled)
+    varying = list_varying(problem)
+    if name in varying:
+        yield from _build_products(problem, place, own, name)
 
 
 def _list_functions(problem: Problem, frame: int, own: str) -> list[Cause]:
@@ -74,10 +95,21 @@ def _list_functions(problem: Problem, frame: int, own: str) -> list[Cause]:
     if own != f"q{frame}" or unit != "rad":
         return [Named(own, unit)]
     angle = q(frame)
-    return [sin(angle), cos(angle)]
+    sine = sin(angle)
+    cosine = cos(angle)
+    return [sine, cosine]
 
 
-def _build_products(place: Place, functions: list[Cause], factor: Cause) -> list[Mechanism]:
-    """Build functions times a factor at a place, alone and beside the functions."""
-    products = [function * factor for function in functions]
-    return [build_cell(place, tuple(products)), build_cell(place, (*functions, *products))]
+def _build_products(problem: Problem, place: Place, own: str, name: str) -> list[Mechanism]:
+    """Build functions of a driver at a place times a covariate, alone and beside the functions."""
+    frame, _ = place
+    factor = scale_driver(problem, name)
+    functions = _list_functions(problem, frame, own)
+    products = []
+    for function in functions:
+        product = function * factor
+        products.append(product)
+    every = [*functions, *products]
+    alone = build_cell(place, tuple(products))
+    beside = build_cell(place, tuple(every))
+    return [alone, beside]

@@ -20,8 +20,11 @@ def list_varying(problem: Problem) -> list[str]:
     covariates = problem.data.covariates
     varying = []
     for name, values in covariates.items():
-        if name not in IN_TIME and values.max() > values.min():
-            varying.append(name)
+        low = values.min()
+        high = values.max()
+        if name in IN_TIME or low == high:
+            continue
+        varying.append(name)
     return varying[:MOST_COVARIATES]
 
 

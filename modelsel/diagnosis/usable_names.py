@@ -11,9 +11,13 @@ from ..mechanisms.terms import Mechanism
 def find_lacking(problem: Problem, mechanism: Mechanism) -> frozenset[str]:
     """Find the state variables that a mechanism depends on and of which the measurements say nothing:
     of a servo's lag the speed, where the arm stood still to be measured."""
-    if mechanism.stem == SERVO_LAG and not problem.data.in_motion:
-        return mechanism.names()
-    return mechanism.names() - list_usable_names(problem)
+    own = mechanism.names()
+    is_lag = mechanism.stem == SERVO_LAG
+    moves = problem.data.in_motion
+    if is_lag and not moves:
+        return own
+    usable = list_usable_names(problem)
+    return own - usable
 
 
 def list_usable_names(problem: Problem) -> frozenset[str]:

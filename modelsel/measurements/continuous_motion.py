@@ -33,10 +33,17 @@ def add_speed(
 ) -> tuple[Motion, Speed]:
     """Derive the speed of the motors from their readings (m, n) and the clock (m,) [s]. The motion
     comes back with the direction in which the arm moved in every row, where it moved on."""
-    rate = derive_rates(readings, group, motion.visit, time)
-    if time is None or rate is None or not goes_on(readings, group, time):
-        return motion, Speed(rate, False)
-    return _direct(motion, rate), Speed(rate, True)
+    visit = motion.visit
+    rate = derive_rates(readings, group, visit, time)
+    still = Speed(rate, False)
+    if time is None or rate is None:
+        return motion, still
+    moves = goes_on(readings, group, time)
+    if not moves:
+        return motion, still
+    directed = _direct(motion, rate)
+    speed = Speed(rate, True)
+    return directed, speed
 
 
 def goes_on(readings: Array, group: Index, time: Array) -> bool:
@@ -47,37 +54,56 @@ def goes_on(readings: Array, group: Index, time: Array) -> bool:
     intervals = [np.zeros(0)]
     for number in np.unique(group):
         is_own = group == number
-        times, _, means = average_by_time(readings[is_own], time[is_own])
-        if len(times) < FEWEST_TIMES:
+        own = readings[is_own]
+        own_time = time[is_own]
+        times, _, means = average_by_time(own, own_time)
+        count = len(times)
+        if count < FEWEST_TIMES:
             continue
-        apart = means[2:-2] - _interpolate(times, means)
+        told = _interpolate(times, means)
+        apart = means[2:-2] - told
         steps = np.diff(means, axis=0)
-        left += float(np.mean(apart**2)) * len(times)
-        stepped += float(np.mean(steps**2)) * len(times)
-        intervals.append(np.diff(times))
+        left += count * _mean_square(apart)
+        stepped += count * _mean_square(steps)
+        interval = np.diff(times)
+        intervals.append(interval)
     between = np.concatenate(intervals)
-    if not len(between) or not stepped:
+    if not stepped:
         return False
-    is_fast = bool(np.median(between) <= LONGEST_INTERVAL)
-    return is_fast and left <= SMOOTH**2 * stepped
+    typical = float(np.median(between))
+    is_fast = typical <= LONGEST_INTERVAL
+    most = SMOOTH**2 * stepped
+    return is_fast and left <= most
+
+
+def _mean_square(values: Array) -> float:
+    squares = values**2
+    mean = squares.mean()
+    return float(mean)
 
 
 def _interpolate(times: Array, values: Array) -> Array:
     """Interpolate values (u, n) at growing times (u,) from those around each, but for two at either
     end: by the polynomial through them (Lagrange)."""
-    own = np.arange(2, len(times) - 2)
+    last = len(times) - 2
+    own = np.arange(2, last)
     near = own[:, None] + AROUND
     near_times = times[near]
-    to_own = times[own, None] - near_times
-    between = near_times[:, :, None] - near_times[:, None, :]
+    own_times = times[own]
+    to_own = own_times[:, None] - near_times
+    first = near_times[:, :, None]
+    second = near_times[:, None, :]
+    between = first - second
     count = len(AROUND)
     each = np.arange(count)
     between[:, each, each] = 1.0
     others = np.repeat(to_own[:, None, :], count, axis=1)
     others[:, each, each] = 1.0
-    weights = others.prod(axis=2) / between.prod(axis=2)
+    weights = others.prod(axis=2)
+    weights /= between.prod(axis=2)
     near_values = values[near]
-    return np.asarray(np.einsum("up,upn->un", weights, near_values))
+    told = np.einsum("up,upn->un", weights, near_values)
+    return np.asarray(told)
 
 
 def _direct(motion: Motion, rate: Array) -> Motion:
@@ -87,9 +113,15 @@ def _direct(motion: Motion, rate: Array) -> Motion:
     steps = path.steps
     after = np.zeros_like(steps)
     after[:-1] = steps[1:]
-    ends = np.append(path.opens[1:], True)
+    opens = path.opens
+    ends = np.append(opens[1:], True)
     after[ends] = 0.0
-    turns = steps * after < 0
-    is_turning = turns[motion.on_path] & (rate != 0)
-    directed = np.where(is_turning, np.sign(rate), motion.approach)
+    product = steps * after
+    turns = product < 0
+    rows = motion.on_path
+    is_turning = turns[rows]
+    is_turning &= rate != 0
+    own = np.sign(rate)
+    last = motion.approach
+    directed = np.where(is_turning, own, last)
     return replace(motion, approach=directed)

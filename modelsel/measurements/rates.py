@@ -43,11 +43,14 @@ def average_by_time(readings: Array, time: Array) -> tuple[Array, Index, Array]:
     row among them, the mean readings (u, n)."""
     times, place = np.unique(time, return_inverse=True)
     place = place.reshape(-1)
+    count = len(times)
     joints = readings.shape[1]
-    sums = np.zeros((len(times), joints))
+    shape = count, joints
+    sums = np.zeros(shape)
     np.add.at(sums, place, readings)
     rows = np.bincount(place)
-    return times, place, sums / rows[:, None]
+    means = sums / rows[:, None]
+    return times, place, means
 
 
 def _differentiate(times: Array, values: Array) -> Array:
