@@ -109,10 +109,7 @@ def with_days(at: Problem, days: int) -> Problem:
     m = len(at)
     day = np.arange(m) * days // m
     time = 86400.0 * day + 120.0 * np.arange(m)
-    data = at.data
-    again = build_measurements(
-        data.q, data.position, covariates={"time_s": time}, group=[f"day {k}" for k in day]
-    )
+    again = build_measurements(at.data.q, at.data.position, covariates={"time_s": time})
     return replace(at, data=again)
 
 
