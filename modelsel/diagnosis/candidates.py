@@ -63,7 +63,8 @@ class Candidate:
     @property
     def registered(self) -> bool:
         """Whether the registry has it."""
-        return self.kind is CandidateKind.MECHANISM
+        kind = self.kind
+        return kind is CandidateKind.MECHANISM
 
     @property
     def registered_name(self) -> str | None:
@@ -236,10 +237,12 @@ def _weigh_stated(groups: Sequence[OwnCandidates], left: float, asked: bool) -> 
 
 def find_cell_prior(found: Sequence[Candidate]) -> float:
     """Find the prior probability of a cell of the error map, 0 where there are none."""
-    cells = [
-        one.prior for one in found if one.kind is CandidateKind.CELL and not is_late(one.mechanism)
-    ]
-    return min(cells, default=0.0)
+    priors = []
+    for one in found:
+        is_cell = one.kind is CandidateKind.CELL
+        if is_cell and not is_late(one.mechanism):
+            priors.append(one.prior)
+    return min(priors, default=0.0)
 
 
 def _select_applicable(

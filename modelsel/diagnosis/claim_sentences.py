@@ -210,7 +210,8 @@ def _find_acts(effect: Effect) -> dict[tuple[int, str], frozenset[str]]:
 def _name_joints(joints: Sequence[int]) -> str:
     """Name the joints that are not where they are read to be."""
     if len(joints) == 1:
-        return f"Joint {joints[0]} is off its reading"
+        (joint,) = joints
+        return f"Joint {joint} is off its reading"
     listed = sentence_list([str(joint) for joint in joints])
     return f"Joints {listed} are off their readings"
 

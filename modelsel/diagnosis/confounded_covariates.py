@@ -269,7 +269,8 @@ def _smooth(problem: Problem, name: str) -> Cause:
     campaign's course and warming up, fitted to its readings."""
     course: list[Cause] = [PROGRESS]
     for _ in range(1, MOST_POWER):
-        power = course[-1] * PROGRESS
+        last = course[-1]
+        power = last * PROGRESS
         course.append(power)
     course += build_warm_ups(problem, WARM_UP_SHARES)
     return _fit_courses(problem, name, course)

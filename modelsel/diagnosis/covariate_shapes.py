@@ -28,8 +28,8 @@ def generate_by_covariates(problem: Problem, found: Mechanism) -> Iterator[Mecha
     if known or count > MOST_TERMS:
         return
     for name in covariates:
-        scaled = scale_driver(problem, name)
-        yield change(found, scaled)
+        driver = scale_driver(problem, name)
+        yield change(found, driver)
 
 
 def generate_instead_of_time(problem: Problem, found: Mechanism) -> Iterator[list[Mechanism]]:

@@ -20,11 +20,9 @@ def list_varying(problem: Problem) -> list[str]:
     covariates = problem.data.covariates
     varying = []
     for name, values in covariates.items():
-        low = values.min()
-        high = values.max()
-        if name in IN_TIME or low == high:
-            continue
-        varying.append(name)
+        varies = values.max() > values.min()
+        if varies and name not in IN_TIME:
+            varying.append(name)
     return varying[:MOST_COVARIATES]
 
 

@@ -34,11 +34,12 @@ def generate_time_waves(problem: Problem) -> Iterator[Unregistered]:
     if not duration:
         return
     counts = [count for count in COUNTS if _is_covered(problem, clock, duration / count)]
+    kind = CandidateKind.TIME_WAVE
     weight = 1 / len(COUNTS)
     for place in list_distinct_places(problem):
         for count in counts:
             wave = _build_wave(place, count, clock, duration)
-            yield Unregistered(wave, CandidateKind.TIME_WAVE, weight)
+            yield Unregistered(wave, kind, weight)
 
 
 def generate_finer_time_waves(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:

@@ -100,11 +100,11 @@ def _differs_in_constant(own: Candidate, other: Candidate) -> bool:
 
 def _is_one_question(own: Candidate, other: Candidate) -> bool:
     """Return whether a candidate of the same kind has the same shape, or mechanism, with any constant."""
+    drivers = read_drivers(own)
     if own.kind in WITH_CONSTANT:
-        drivers = read_drivers(own)
         return read_drivers(other) == drivers
     name = own.registered_name
     if name is None:
         both_late = is_late(own.mechanism) and is_late(other.mechanism)
-        return both_late and read_drivers(other) == read_drivers(own)
+        return both_late and read_drivers(other) == drivers
     return other.registered_name == name

@@ -216,7 +216,8 @@ def list_rivals(problem: Problem, candidate: Candidate, price: Price | None = No
     price = price or Price(candidate.prior, candidate.prior)
     confounded = list(_list_confounded(problem, candidate, price.finding))
     share = _share_of_lag(candidate, price)
-    alike = share * max(price)
+    most = max(price)
+    alike = share * most
     if len(parts) > MAX_PARTS:
         return confounded
     own = candidate.mechanism
@@ -225,7 +226,7 @@ def list_rivals(problem: Problem, candidate: Candidate, price: Price | None = No
     by_covariates = list(generate_by_covariates(problem, own))
     return [
         *_list_alike(problem, candidate, alike),
-        *_list_falls(problem, candidate, max(price)),
+        *_list_falls(problem, candidate, most),
         *_list_finer_waves(problem, candidate),
         *_list_finer_bumps(problem, candidate),
         *_list_finer_warm_ups(problem, candidate),
@@ -294,7 +295,8 @@ def _list_elsewhere(
 
 def _list_instead_of_time(problem: Problem, candidate: Candidate, prior: float) -> Iterator[Rival]:
     """List covariates in the place of time: each as probable as the finding in time."""
-    for mechanisms in generate_instead_of_time(problem, candidate.mechanism):
+    own = candidate.mechanism
+    for mechanisms in generate_instead_of_time(problem, own):
         yield from _weigh(mechanisms, "place", prior)
 
 
@@ -356,16 +358,18 @@ def _list_finer_warm_ups(problem: Problem, candidate: Candidate) -> Iterator[Riv
 def _list_finer_bumps(problem: Problem, candidate: Candidate) -> Iterator[Rival]:
     """List bumps near a found one. Of few readings there, their height, width and shape are one question."""
     kind = candidate.kind
+    own = candidate.mechanism
     if kind is CandidateKind.BUMP:
-        finer = list(generate_finer_bumps(problem, candidate.mechanism))
+        finer = list(generate_finer_bumps(problem, own))
         yield from _weigh(finer, "drivers", candidate.prior, kind)
 
 
 def _list_other_widths(problem: Problem, candidate: Candidate) -> Iterator[Rival]:
     """List hysteresis like what was found that builds up over another way: the same shape."""
     kind = candidate.kind
+    own = candidate.mechanism
     if kind is CandidateKind.HYSTERESIS:
-        others = list(generate_other_widths(problem, candidate.mechanism))
+        others = list(generate_other_widths(problem, own))
         yield from _weigh(others, "shape", candidate.prior, kind)
 
 

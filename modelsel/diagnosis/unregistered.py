@@ -59,10 +59,12 @@ def generate_unregistered(problem: Problem, adjacent_only: bool) -> Iterator[Unr
     With `adjacent_only`, the error map is restricted to causes of joints at or next to the place."""
     yield from _generate_cells(problem, adjacent_only)
     yield from build_waves(problem.robot)
+    kind = CandidateKind.SLIDE_WAVE
     for wave, weight in generate_pitch_waves(problem):
-        yield Unregistered(wave, CandidateKind.SLIDE_WAVE, weight)
+        yield Unregistered(wave, kind, weight)
+    kind = CandidateKind.FREE_FUNCTION
     for function in build_free_functions(problem):
-        yield Unregistered(function, CandidateKind.FREE_FUNCTION, RARE_WEIGHT)
+        yield Unregistered(function, kind, RARE_WEIGHT)
 
 
 # The error map: places and causes.

@@ -32,7 +32,8 @@ def derive_rates(readings: Array, group: Index, visit: Index, time: Array | None
 def _derive_in_group(readings: Array, time: Array) -> Array:
     """Derive the rates (m, n) of one group's rows."""
     times, place, means = average_by_time(readings, time)
-    if len(times) < 2:
+    is_single = len(times) < 2
+    if is_single:
         return np.zeros(readings.shape)
     rates = _differentiate(times, means)
     return rates[place]

@@ -76,7 +76,8 @@ def _multiply(count: float, angle: Cause) -> Cause:
 
 def _begin(robot: Robot, joint: int) -> str:
     """Begin a sentence with a drive's name."""
-    return name_drive(robot, joint).capitalize()
+    drive = name_drive(robot, joint)
+    return drive.capitalize()
 
 
 def gear_eccentricity(robot: Robot, joint: int) -> Mechanism:

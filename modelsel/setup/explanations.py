@@ -34,7 +34,8 @@ def compute_left(problem: Problem) -> float:
     """Compute the median distance that is left [mm]."""
     residual = residuals(problem)
     distance = np.linalg.norm(residual, axis=1)
-    return float(np.median(distance))
+    median = np.median(distance)
+    return float(median)
 
 
 def compute_explained(problem: Problem) -> float:

@@ -135,7 +135,8 @@ def _fit_best(
     starts = first or [build_nominal_arm(problem)]
     before = measure_arms(problem, starts)
     candidates = []
-    for start in _select_least(starts, before):
+    nearest = _select_least(starts, before)
+    for start in nearest:
         arm = _add_offsets(problem, good, start, groups)
         candidates.append(arm)
     candidates += others

@@ -47,7 +47,8 @@ def _compute_median(problem: Problem) -> float:
     residual = residuals(problem)
     offset = residual[:, :3]
     distance = np.linalg.norm(offset, axis=1)
-    return float(np.median(distance))
+    median = np.median(distance)
+    return float(median)
 
 
 def sample_positions(problem: Problem, use: Mask, one_group: bool = True) -> Problem | None:

@@ -72,7 +72,8 @@ def _compute_rms_distance(points: Array) -> float:
     offset = points - middle
     square = np.square(offset).sum(1)
     mean = square.mean()
-    return float(np.sqrt(mean))
+    rms = np.sqrt(mean)
+    return float(rms)
 
 
 def _invert(H: Array) -> Array:

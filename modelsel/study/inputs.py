@@ -348,4 +348,5 @@ def _read_file(study: Study, folder: Path, robot: Robot) -> Measurements:
     if study.split.column is not None:
         used.add(study.split.column)
     measured = read_measurements(source, robot, columns, used=used)
-    return apply_known_features(measured, read_known_features(study))
+    known = read_known_features(study)
+    return apply_known_features(measured, known)
