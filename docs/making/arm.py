@@ -42,7 +42,7 @@ AT = {"temperature_C": (15.0, 35.0), "payload_kg": (0.0, 5.0)}
 class Driver:
     """What is varied to show an effect: a joint, a covariate, or the order of motion."""
 
-    name: str  # q3, move3, temperature_C, payload_kg, progress
+    name: str  # q3, move3, rate3, temperature_C, payload_kg, progress
     joint: int = 0
     both: bool = False  # the way back differs from the way there
 
@@ -51,6 +51,8 @@ class Driver:
         """For an axis."""
         if self.name.startswith("move"):
             return f"last move of joint {self.joint} [deg]"
+        if self.name.startswith("rate"):
+            return f"speed of joint {self.joint} [deg/s]"
         if self.joint:
             return f"joint {self.joint} [deg]{', there and back' if self.both else ''}"
         return {"temperature_C": "temperature [°C]", "payload_kg": "payload [kg]"}.get(
@@ -65,14 +67,13 @@ def driver(mechanism: Mechanism) -> Driver:
     for name in names:
         if name in (*AT, "progress"):
             return Driver(name)
-    for stem in ("move", "approach", "q", "torque", "moment"):
+    for stem in ("move", "rate", "approach", "q", "torque", "moment"):
         joints = [
             int(found[1]) for name in names if (found := re.fullmatch(rf"{stem}(\d+)(_.*)?", name))
         ]
         if joints:
-            return Driver(
-                f"{'move' if stem == 'move' else 'q'}{joints[0]}", joints[0], stem == "approach"
-            )
+            shown = stem if stem in ("move", "rate") else "q"
+            return Driver(f"{shown}{joints[0]}", joints[0], stem == "approach")
     joint = 5 if "down_x" in names else 3 if "range_mm" in names else 2
     return Driver(f"q{joint}", joint)
 
@@ -113,6 +114,10 @@ def sweep(robot: Robot, by: Driver) -> tuple[Problem, Array]:
         )
         at = _problem(robot, q)
         return at, np.degrees(at.value(f"move{by.joint}") * at.value(f"approach{by.joint}"))
+    if by.name.startswith("rate"):
+        q[:, by.joint - 1] += np.radians(40) * np.sin(np.pi * along)
+        at = _problem(robot, q, time_s=2.0 * along)
+        return at, np.degrees(at.value(by.name))
     if by.joint:
         q[:, by.joint - 1] = np.radians(150) * (1 - 2 * np.abs(2 * along - 1))
         return _problem(robot, q), np.degrees(q[:, by.joint - 1])
@@ -125,10 +130,11 @@ def sweep(robot: Robot, by: Driver) -> tuple[Problem, Array]:
 def _postures(robot: Robot, by: Driver, along: Problem) -> Problem:
     """Three configurations to draw the arm in: on the way of a joint, or a fan where no joint is
     the driver."""
-    if by.joint and not by.name.startswith("move"):
+    if by.joint and not by.name.startswith(("move", "rate")):
         there = np.degrees(along.data.q[: POINTS // 2, by.joint - 1])
         return along.take(np.array([np.abs(there - angle).argmin() for angle in DRAWN]))
-    return _problem(robot, FAN)
+    covariates = {"time_s": np.arange(len(FAN), dtype=float)} if by.name.startswith("rate") else {}
+    return _problem(robot, FAN, **covariates)
 
 
 def _joints(robot: Robot, q: Array, twist: Array | None = None) -> Array:
@@ -185,7 +191,7 @@ def picture(mechanism: Mechanism, robot: Robot) -> tuple[bytes, str]:
         left.set_title(
             f"drawn {factor:,.0f} times too large", fontsize=7, color=QUIET, fontweight="normal"
         )
-        order = np.argsort(x) if by.name.startswith("move") else np.arange(len(x))
+        order = np.argsort(x) if by.name.startswith(("move", "rate")) else np.arange(len(x))
         for axis, (style, colour) in enumerate((("-", BLUE), ("--", ORANGE), (":", QUIET))):
             right.plot(
                 x[order], scale * shift[order, axis], style, color=colour, lw=1.3, label="xyz"[axis]
