@@ -29,7 +29,7 @@ from .data_faults import FaultKind, find_fault_kind
 from .joint_shapes import generate_joint_shapes
 from .late_temperatures import generate_campaign_cells, is_late
 from .options import DEFAULT_OPTIONS, DiagnosisOptions
-from .own_candidates import OwnCandidates, Screws, select_beyond
+from .own_candidates import OwnCandidates, Screws, list_stated_names, select_beyond
 from .prior_weights import share_constants, weigh_names
 from .scanned_constants import drop_equal_constants
 from .target_cells import generate_target_cells
@@ -188,7 +188,7 @@ def build_candidates(
         within = exceeds_cell_limit(problem, options)
         offered = chain(
             generate_unregistered(problem, adjacent_only=within),
-            generate_target_cells(problem),
+            generate_target_cells(problem, list_stated_names(own)),
             generate_campaign_cells(problem),
             generate_joint_shapes(problem),
             generate_arm_shapes(problem),

@@ -9,9 +9,10 @@ from collections.abc import Iterator
 
 from ..fitting.problem import Problem
 from ..measurements.clock_history import find_lags
-from ..measurements.late_names import is_temperature
+from ..measurements.late_names import is_temperature, name_late
 from ..measurements.reference_temperature import TEMPERATURE
 from ..measurements.state_names import StateKind, state_kind
+from ..mechanisms.causes import Cause
 from ..mechanisms.environment import temperature_rise
 from ..mechanisms.terms import Mechanism
 from .candidate_kinds import CandidateKind
@@ -25,11 +26,20 @@ def generate_campaign_cells(problem: Problem) -> Iterator[Unregistered]:
     yield from generate_time_waves(problem)
     data = problem.data
     lags = find_lags(data.covariates.get(TEMPERATURE), data.late_temperature)
+    rises = [_count_from_mean(problem, lag) for lag in lags]
     for place in list_distinct_places(problem):
-        for lag in lags:
-            rise = temperature_rise(data.reference_celsius, lag)
+        for rise in rises:
             cell = build_cell(place, (rise,))
             yield Unregistered(cell, CandidateKind.CELL, weight=1 / len(lags))
+
+
+def _count_from_mean(problem: Problem, lag: int) -> Cause:
+    """Count a late temperature from its mean: of one that hardly varies the rest would be lost beside
+    what it is everywhere."""
+    name = name_late(lag)
+    values = problem.state.value(name)
+    mean = float(f"{values.mean():.3g}")
+    return temperature_rise(mean, lag)
 
 
 def is_late(mechanism: Mechanism) -> bool:

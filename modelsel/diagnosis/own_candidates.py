@@ -39,6 +39,12 @@ def select_beyond(
     return tuple(selected)
 
 
+def list_stated_names(own: Collection[OwnCandidates]) -> frozenset[frozenset[str]]:
+    """List the state variables of every explanation whose prior the study states."""
+    stated = (group for group in own if group.prior is not None)
+    return frozenset(m.names() for group in stated for m in group.mechanisms)
+
+
 def _generate_new(group: OwnCandidates, seen: set[Screws], base: Screws) -> Iterator[Mechanism]:
     for mechanism in group.mechanisms:
         screws = frozenset(term.key for term in mechanism.terms)

@@ -4,7 +4,7 @@ words."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 
 from ..fitting.problem import Problem
@@ -21,11 +21,13 @@ PAYLOAD = "payload_kg"
 SHIFTS = AXES[:3]
 
 
-def generate_target_cells(problem: Problem) -> Iterator[Unregistered]:
+def generate_target_cells(
+    problem: Problem, stated: Collection[frozenset[str]] = ()
+) -> Iterator[Unregistered]:
     """Generate the shifts of the target that the error map lacks. However many targets there are, one
     by itself is as likely as all of them together."""
     data = problem.data
-    shifts = [*_build_shifts(problem)]
+    shifts = [one for one in _build_shifts(problem) if one.names() not in stated]
     count = len(data.targets)
     if count > 1:
         shifts += _list_cells(problem)

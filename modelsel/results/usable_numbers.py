@@ -37,6 +37,7 @@ from .instrument_numbers import (
     measure_range,
     measure_scale,
 )
+from .lag_numbers import measure_servo_lag
 from .map_details import MIN_DISPLACEMENT
 from .quantities import ARC_SECONDS, MILLI, Usable, express, format_figure
 from .target_numbers import (
@@ -368,6 +369,7 @@ MEASURES: Mapping[str, Measure] = {
     "gear-ripple": _measure_wave,
     "axis-wobble": _measure_wave,
     **dict.fromkeys(("encoder-scale", "wrist-coupling", "settle"), _measure_slope),
+    "servo-lag": measure_servo_lag,
     "thermal-growth": _measure_growth,
     "thermal-expansion": _measure_growth,
     "thermal-zero": _measure_warm_place,
