@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from hashlib import blake2b
 from itertools import islice
+from threading import Lock
 
 import numpy as np
 
@@ -41,6 +42,8 @@ REMEMBERED = 200
 
 Found = tuple[Placed, Mask]
 _remembered: dict[bytes, Found] = {}
+# a program may register in several threads
+_lock = Lock()
 
 
 def find_placements(sights: Sequence[Sight]) -> list[Found]:
@@ -52,10 +55,11 @@ def find_placements(sights: Sequence[Sight]) -> list[Found]:
     found: dict[bytes, Found] = {}
     new: dict[bytes, Sight] = {}
     for key, sight in zip(keys, sights, strict=True):
-        if key in _remembered:
-            found[key] = _remembered[key]
-        else:
+        known = _remembered.get(key)
+        if known is None:
             new[key] = sight
+        else:
+            found[key] = known
     for alike in _list_alike(new):
         stacked = [new[key] for key in alike]
         placed = _find_alike(stacked)
@@ -82,12 +86,13 @@ def _hash_sight(sight: Sight) -> bytes:
 
 def _remember(found: Mapping[bytes, Found]) -> None:
     """Remember what was found last, and forget what was found before."""
-    for key, each in found.items():
-        _remembered.pop(key, None)
-        _remembered[key] = each
-    while len(_remembered) > REMEMBERED:
-        oldest = next(iter(_remembered))
-        del _remembered[oldest]
+    with _lock:
+        for key, each in found.items():
+            _remembered.pop(key, None)
+            _remembered[key] = each
+        while len(_remembered) > REMEMBERED:
+            oldest = next(iter(_remembered))
+            del _remembered[oldest]
 
 
 def _list_alike(sights: Mapping[bytes, Sight]) -> list[list[bytes]]:

@@ -33,7 +33,7 @@ def list_notes(c: Calibration, what: str, geometry: bool) -> tuple[str, ...]:
     if TEMPERATURE in c.needs():
         temperature = _describe_temperature(c, what)
         out.append(temperature)
-        carried = [term for term in c.terms if select_carried(c.model, what)(term)]
+        carried = list(filter(select_carried(c.model, what), c.terms))
         out += [sentence.rstrip(".") for sentence in describe_unknown_history(carried)]
     out += describe_instrument(c)
     group = find_group(c)
