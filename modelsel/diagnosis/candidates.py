@@ -39,7 +39,7 @@ from .unregistered import (
     generate_unregistered,
     list_distinct_places,
 )
-from .usable_names import find_lacking
+from .usable_names import list_lacking
 
 MANY_FRAMES = 4  # that one number moves, from which they are told together
 # share of the prior probability that the registered mechanisms have together
@@ -251,9 +251,8 @@ def _select_applicable(
     """Select the mechanisms whose causes the data have and whose terms the base lacks."""
     present = {term.key for term in base.terms}
     applicable = []
-    for m in mechanisms:
-        has_causes = not find_lacking(problem, m)
-        if has_causes and not collect_screws(m) <= present:
+    for m, lacking in zip(mechanisms, list_lacking(problem, mechanisms), strict=True):
+        if not lacking and not collect_screws(m) <= present:
             applicable.append(m)
     return drop_equal_constants(problem, applicable)
 

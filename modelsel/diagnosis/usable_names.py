@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from ..fitting.problem import Problem
 from ..measurements.state_names import NEED_INSTRUMENT, state_kind
 from ..mechanisms.drives import SERVO_LAG
 from ..mechanisms.terms import Mechanism
 
 
-def find_lacking(problem: Problem, mechanism: Mechanism) -> frozenset[str]:
-    """Find the state variables that a mechanism depends on and of which the measurements say nothing:
-    of a servo's lag the speed, where the arm stood still to be measured."""
-    own = mechanism.names()
-    is_lag = mechanism.stem == SERVO_LAG
-    moves = problem.data.in_motion
-    if is_lag and not moves:
-        return own
+def list_lacking(problem: Problem, mechanisms: Iterable[Mechanism]) -> list[frozenset[str]]:
+    """List for every mechanism the state variables that it depends on and of which the measurements
+    say nothing: of a servo's lag the speed, where the arm stood still to be measured."""
     usable = list_usable_names(problem)
-    return own - usable
+    moves = problem.data.in_motion
+    lacking = []
+    for one in mechanisms:
+        own = one.names()
+        needs_motion = one.stem == SERVO_LAG and not moves
+        lacking.append(own if needs_motion else own - usable)
+    return lacking
 
 
 def list_usable_names(problem: Problem) -> frozenset[str]:

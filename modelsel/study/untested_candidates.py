@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from ..diagnosis.scanned_constants import has_both_sides
-from ..diagnosis.usable_names import find_lacking
+from ..diagnosis.usable_names import list_lacking
 from ..exceptions import StudyError, sentence_list
 from ..fitting.problem import Problem
 from ..measurements.state_names import describe_state_name
@@ -77,8 +77,7 @@ def find_untested(
         return Untested({})
     unknown = {}
     tested = set()
-    for mechanism in mechanisms:
-        lacking = find_lacking(problem, mechanism)
+    for mechanism, lacking in zip(mechanisms, list_lacking(problem, mechanisms), strict=True):
         if lacking:
             unknown[mechanism.name] = lacking
         else:

@@ -13,7 +13,7 @@ from modelsel.diagnosis.effects import Effect
 from modelsel.diagnosis.procedure import diagnose
 from modelsel.diagnosis.sentences import label_effect
 from modelsel.diagnosis.signatures import PROVEN
-from modelsel.diagnosis.usable_names import find_lacking
+from modelsel.diagnosis.usable_names import list_lacking
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import mechanism
@@ -64,9 +64,9 @@ def test_the_speed_is_asked_where_the_arm_moves_on(rng: Rng) -> None:
     time, q, _ = follow(rng, body, 60)
     moving = bind("ur5e", build_measurements(q, np.zeros((60, 3)), covariates={"time_s": time}))
     lag = mechanism("servo-lag:2", moving.robot)
-    assert find_lacking(moving, lag) == frozenset()
-    assert find_lacking(drawn("ur5e", rng, 60), lag) == {"rate2"}
-    assert find_lacking(drawn("ur5e", rng, 60), mechanism("settle:2", moving.robot)) == frozenset()
+    assert list_lacking(moving, [lag]) == [frozenset()]
+    settle = mechanism("settle:2", moving.robot)
+    assert list_lacking(drawn("ur5e", rng, 60), [lag, settle]) == [{"rate2"}, frozenset()]
 
 
 def test_a_lag_is_a_time_that_a_joint_is_behind() -> None:
