@@ -20,7 +20,7 @@ from ..mechanisms.terms import Screw, Term, TermKey
 from .candidate_columns import stack_design
 from .candidates import Candidate
 from .credible_sets import ALIKE
-from .screw_columns import split_range
+from .row_blocks import split_range
 
 # share of the largest motion by a screw of a term at one frame, below which another does not count:
 # with and without it, the target moves alike

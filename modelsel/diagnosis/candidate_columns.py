@@ -24,7 +24,8 @@ from ..mechanisms.terms import Mechanism, Term, TermKey
 from .candidates import Candidate
 from .kept_causes import KeptCauses
 from .options import DEFAULT_OPTIONS
-from .screw_columns import ScrewColumns, build_screw_columns, split_range
+from .row_blocks import split_range
+from .screw_columns import ScrewColumns, build_screw_columns
 from .screw_places import order_terms
 
 # sizes [mm, rad] beyond which a screw is no error of an arm

@@ -18,6 +18,7 @@ from .candidate_columns import Columns, build_columns
 from .candidates import Candidate
 from .joint_curves import build_curve, see_rest
 from .scan import Response, Scan, build_scan
+from .screw_columns import CAUSES_SHARE
 from .state import Search
 from .views import View
 
@@ -64,8 +65,9 @@ class Contenders:
     def _seen(self) -> _Seen:
         search, view = self.search, self.view
         every = tuple(self.every.values())
-        # the search keeps its causes meanwhile
-        left_mb = max(search.memory_mb - search.causes.count_mb(), 0.0)
+        # the search keeps its causes meanwhile, and both have one share of the memory
+        taken_mb = search.causes.count_mb() / CAUSES_SHARE
+        left_mb = max(search.memory_mb - taken_mb, 0.0)
         columns = build_columns(search.problem, every, view.fitted.at(), left_mb)
         scan = build_scan(columns, view.Q)
         return _Seen(columns, scan, scan.see(view.residual))

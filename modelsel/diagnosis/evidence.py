@@ -30,8 +30,8 @@ from numpy.typing import NDArray
 
 from .._linalg import TINY
 from .._typing import Array, Index
+from .row_blocks import split_range
 from .scan import Beyond, Response, Scan, Strength
-from .screw_columns import split_range
 
 # ratios ρ = v / σ² over which the evidence is maximised
 RATIOS = np.logspace(0.5, 5.0, 8)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -76,15 +77,29 @@ def _make_room(values: Array, count: int) -> Array:
 def evaluate_everywhere(
     problem: Problem, causes: Sequence[Cause], out: Array | None = None
 ) -> Array:
-    """Evaluate causes (u, m) at all rows, a function in several of them once; they are not kept by
-    the problem, whose memory they would fill."""
+    """Evaluate causes (u, m) at all rows, a function in several of them once, held until the last has
+    it; they are not kept by the problem, whose memory they would fill."""
     if out is None:
         shape = len(causes), len(problem)
         out = np.empty(shape)
     known: dict[Cause, Array | float] = {}
+    uses = Counter(function for cause in causes for function in _list_functions(cause))
     for row, cause in zip(out, causes, strict=True):
         row[:] = _evaluate(cause, problem.state, known)
+        for function in _list_functions(cause):
+            uses[function] -= 1
+            if not uses[function]:
+                known.pop(function, None)
     return out
+
+
+def _list_functions(cause: Cause) -> Iterator[Applied]:
+    """List the functions that a cause combines, each as often as it stands there."""
+    if isinstance(cause, Combined):
+        yield from _list_functions(cause.left)
+        yield from _list_functions(cause.right)
+    elif isinstance(cause, Applied):
+        yield cause
 
 
 def _evaluate(cause: Cause, state: State, known: dict[Cause, Array | float]) -> Array | float:

@@ -18,8 +18,8 @@ import numpy as np
 from .._typing import Array, Index
 from ..measurements.measurements import Measurements
 from .evidence import Chance
+from .row_blocks import split_range
 from .scan import Scan
-from .screw_columns import split_range
 
 # sign draws after which a clear answer may stop
 CHUNK = 37

@@ -9,8 +9,8 @@ functions are zero at most rows: only their other values are kept."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any
 
@@ -19,114 +19,20 @@ from numpy.typing import NDArray
 
 from .._typing import Array, Index, Rows
 from .._workers import map_in_threads
-from ..fitting.design import blocks
 from ..fitting.linearisation import Linearisation
 from ..fitting.problem import Problem
-from ..fitting.shared_errors import Mixing
 from ..mechanisms.causes import Bump, Cause
 from ..mechanisms.terms import Term
-from .kept_causes import KeptCauses, evaluate_everywhere
-from .local_causes import LocalCauses
-from .place_weights import PlaceWeights
+from .kept_causes import KeptCauses
+from .row_blocks import CACHED_ROWS, EVERY, RowBlock, build_row_blocks, split_range
 from .screw_places import Place, build_places, find_fields
 
-# rows of one product, which is of full speed with as many, and numbers of the products by place
-# that are held together
-CACHED_ROWS = 1024
+# numbers of the products by place that are held together
 TOGETHER = 1_500_000
-EVERY = slice(None)  # all rows of a block
 # products of columns, rows and vectors from which a second core pays
 MANY_PRODUCTS = 5e7
-MOST_TWICE = 64_000_000  # bytes of causes up to which they are kept in single precision, too
 # share of the memory of a diagnosis that the values of the causes may take
 CAUSES_SHARE = 0.85
-
-
-@dataclass(frozen=True, eq=False)
-class _RowBlock:
-    """A block of rows of the problem.
-
-    `fields` (m, f, c): whitened displacement by a unit screw at every place; `coordinates`: its
-    slice of all measured coordinates; `measured` (c·m,): which of its components are measured, None
-    for all; `local`: the splines among the causes, which are the last of them; `kept` (w, m): the
-    others, None where they are evaluated each time. Fields are whitened row by row; where rows share
-    errors, the columns are made independent by `mixing`; `weights`: of the rows at every place."""
-
-    problem: Problem
-    fields: Array
-    coordinates: slice
-    measured: Index | None
-    wide: tuple[Cause, ...]
-    kept: Array | None
-    local: LocalCauses
-    mixing: Mixing | None
-    weights: PlaceWeights
-
-    def evaluate_wide(self, is_single: bool = False) -> NDArray[Any]:
-        """Return the causes (w, m) that are not zero at most rows, in single precision if few."""
-        if self.kept is None:
-            return evaluate_everywhere(self.problem, self.wide)
-        is_kept_twice = is_single and self.kept.nbytes <= MOST_TWICE
-        return self._single if is_kept_twice else self.kept
-
-    @cached_property
-    def _single(self) -> NDArray[np.float32]:
-        assert self.kept is not None
-        return self.kept.astype(np.float32)
-
-    def evaluate_causes(self, which: Index, rows: Rows = EVERY) -> Array:
-        """Return some causes (k, ...) of some rows."""
-        count = len(self.fields[rows])
-        out = np.empty((len(which), count))
-        is_wide = which < len(self.wide)
-        numbers = which[is_wide]
-        if self.kept is None:
-            causes = [self.wide[k] for k in numbers]
-            out[is_wide] = evaluate_everywhere(self.problem, causes)[:, rows]
-        elif isinstance(rows, slice):
-            out[is_wide] = self.kept[numbers, rows]
-        else:
-            out[is_wide] = self.kept[np.ix_(numbers, rows)]
-        local = which[~is_wide] - len(self.wide)
-        out[~is_wide] = self.local.expand(local)[:, rows]
-        return out
-
-    def split(self) -> Iterator[tuple[Rows, Mixing | None]]:
-        """Split the rows into pieces that share nothing with one another, each with what makes its
-        rows independent."""
-        whole = self.mixing
-        count = len(self.fields)
-        if whole is None:
-            for rows in split_range(count, CACHED_ROWS):
-                yield rows, None
-            return
-        for every, inverse in zip(whole.rows, whole.inverse, strict=True):
-            blocks, size = every.shape
-            cached_blocks = CACHED_ROWS // size
-            for piece in split_range(blocks, cached_blocks):
-                own = every[piece]
-                places = np.arange(own.size)
-                there = places.reshape(own.shape)
-                own_inverse = inverse[piece]
-                mixing = Mixing((there,), (own_inverse,))
-                flat = own.reshape(-1)
-                yield flat, mixing
-
-    def arrange(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Arrange values (N, B) of all coordinates as (m, c, B) of this block's rows.
-
-        The columns' products with what independent rows hold are those of the columns as they are
-        with that, carried back."""
-        m, _, c = self.fields.shape
-        own = values[self.coordinates]
-        if self.measured is not None:
-            whole = np.zeros((c * m, values.shape[1]), values.dtype)
-            whole[self.measured] = own
-            own = whole
-        if self.mixing is not None:
-            by_vector = np.array(own.reshape(c, m, -1).transpose(2, 0, 1), order="C")
-            return self.mixing.apply_transposed(by_vector).transpose(2, 1, 0)
-        return own.reshape(c, m, -1).transpose(1, 0, 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +46,7 @@ class ScrewColumns:
 
     count: int
     rows: int
-    blocks: tuple[_RowBlock, ...]
+    blocks: tuple[RowBlock, ...]
     places: tuple[Place, ...]
     local_places: tuple[Place, ...]
     local: tuple[Cause, ...]
@@ -172,9 +78,10 @@ class ScrewColumns:
             for total in totals[1:]:
                 out += total
             self._add_local(block, arranged, out)
+            del causes, add_up, arranged, totals  # room for those of the next block
         return out.reshape(self.count, *values.shape[1:])
 
-    def _add_local(self, block: _RowBlock, values: NDArray[Any], out: NDArray[Any]) -> None:
+    def _add_local(self, block: RowBlock, values: NDArray[Any], out: NDArray[Any]) -> None:
         """Add up the products of local causes over a block with values (m, c, B), to `out` (C, B)."""
         for place in self.local_places:
             field = block.fields[:, place.number].astype(values.dtype, copy=False)
@@ -184,7 +91,7 @@ class ScrewColumns:
 
     def _add_up(
         self,
-        block: _RowBlock,
+        block: RowBlock,
         causes: NDArray[Any],
         values: NDArray[Any],
         part: tuple[slice, NDArray[Any]],
@@ -197,7 +104,6 @@ class ScrewColumns:
         for start in range(first, last, CACHED_ROWS):
             rows = slice(start, min(start + CACHED_ROWS, last))
             fields = block.fields[rows].astype(values.dtype, copy=False)
-            own = causes[:, rows].astype(values.dtype, copy=False)
             right = np.ascontiguousarray(values[rows])
             together = TOGETHER // max(len(right) * width, 1)
             for some in split_range(len(self.places), together):
@@ -205,7 +111,8 @@ class ScrewColumns:
                 by_place = np.matmul(fields[:, [place.number for place in places]], right)
                 for k, place in enumerate(places):
                     for run in place.runs:
-                        out[run.columns] += own[run.causes] @ by_place[:, k]
+                        own = causes[run.causes, rows].astype(values.dtype, copy=False)
+                        out[run.columns] += own @ by_place[:, k]
 
     def expand(self, columns: Index) -> Array:
         """Compute some columns (k, N) in full."""
@@ -234,7 +141,7 @@ class ScrewColumns:
         causes = np.concatenate([own for own, _ in pairs], axis=1)
         return causes, np.concatenate([weighed for _, weighed in pairs], axis=1)
 
-    def _expand_causes(self, block: _RowBlock, columns: Index) -> tuple[Array, Array]:
+    def _expand_causes(self, block: RowBlock, columns: Index) -> tuple[Array, Array]:
         _, places, cause = self.pairs[:, self.starts[columns]]
         values = block.evaluate_causes(cause)
         weighed = np.empty_like(values)
@@ -264,7 +171,7 @@ class ScrewColumns:
                 total += flat @ flat.T
         return total
 
-    def _gram_at_place(self, block: _RowBlock, columns: Index) -> Array:
+    def _gram_at_place(self, block: RowBlock, columns: Index) -> Array:
         """Compute the products (k, k) of some columns of one screw at one place over a block."""
         if block.mixing is not None:
             causes, weighed = self._expand_causes(block, columns)
@@ -284,7 +191,7 @@ class ScrewColumns:
         total[np.ix_(local, local)] = block.local.gram(which, square)
         return total
 
-    def _expand_rows(self, block: _RowBlock, columns: Index, rows: Rows) -> Array:
+    def _expand_rows(self, block: RowBlock, columns: Index, rows: Rows) -> Array:
         """Compute some columns (k, c, m) at some rows of a block, which still share errors."""
         fields = block.fields[rows]
         m, _, c = fields.shape
@@ -306,6 +213,7 @@ class ScrewColumns:
         for block in self.blocks:
             values = block.evaluate_wide()
             squares = np.einsum("um,um->u", values, values)
+            del values  # room for those of the next block
             total += np.concatenate([squares, block.local.sum_squares()])
         out = dict(zip(known, (total / len(problem)).tolist(), strict=True))
         for cause in causes:
@@ -313,12 +221,6 @@ class ScrewColumns:
                 value = np.atleast_1d(cause.of(problem.state))
                 out[cause] = float(value @ value) / len(value)
         return out
-
-
-def split_range(count: int, size: int) -> Iterator[slice]:
-    """Split `count` into slices of at most `size`."""
-    size = max(size, 1)
-    return (slice(start, min(start + size, count)) for start in range(0, count, size))
 
 
 def build_screw_columns(
@@ -346,7 +248,7 @@ def build_screw_columns(
         [(k, f, number[cause]) for k, own in enumerate(screws) for f, cause in own], dtype=np.intp
     ).T.reshape(3, -1)
     starts = np.searchsorted(pairs[0], np.arange(len(terms) + 1))
-    row_blocks = tuple(_build_row_blocks(problem, fields, at, wide, local, known, kept_rows))
+    row_blocks = tuple(build_row_blocks(problem, fields, at, wide, local, known, kept_rows))
     is_wide = pairs[2] < len(wide)
     wide_pairs, local_pairs = pairs[:, is_wide], pairs[:, ~is_wide]
     local_pairs[2] -= len(wide)
@@ -360,41 +262,3 @@ def build_screw_columns(
         pairs=pairs,
         starts=starts,
     )
-
-
-def _build_row_blocks(
-    problem: Problem,
-    fields: Sequence[Term],
-    at: Linearisation | None,
-    wide: tuple[Cause, ...],
-    local: tuple[Cause, ...],
-    known: KeptCauses,
-    kept_rows: int,
-) -> Iterator[_RowBlock]:
-    """Build the blocks of rows; of the first `kept_rows` the causes are kept."""
-    start = 0
-    whitening = problem.whitening.by_row()
-    by_row = replace(problem, whitening=whitening)
-    for rows, values, _ in blocks(by_row, fields, at):
-        whole = rows.stop - rows.start == len(problem)
-        part = problem if whole else problem.take(rows)
-        shared = part.whitening.shared
-        measured = None
-        stop = start + values[0].size
-        if problem.measured is not None:
-            measured = np.flatnonzero(problem.measured[rows].T.reshape(-1))
-            stop = start + len(measured)
-        by_place = np.ascontiguousarray(values.transpose(2, 0, 1))
-        mixing = None if shared is None else shared.mixing
-        yield _RowBlock(
-            problem=part,
-            fields=by_place,
-            coordinates=slice(start, stop),
-            measured=measured,
-            wide=wide,
-            kept=known.evaluate(part, rows) if rows.stop <= kept_rows else None,
-            local=LocalCauses.of(part, local),
-            mixing=mixing,
-            weights=PlaceWeights(by_place, mixing),
-        )
-        start = stop

@@ -22,8 +22,8 @@ from ..fitting.problem import Problem
 from ..mechanisms.terms import Mechanism, TermKey
 from .candidate_columns import Columns, stack_design
 from .candidates import Candidate
+from .row_blocks import split_range
 from .scan import Released, Response, Scan, assemble_scan, compute_basis
-from .screw_columns import split_range
 
 # share of an added column beyond the columns before it from which its products keep their digits
 OWN_SHARE = 1e-6

@@ -7,7 +7,7 @@ import pytest
 from builders import drawn, seeds
 
 from modelsel import _workers
-from modelsel.diagnosis import candidate_columns, screw_columns
+from modelsel.diagnosis import candidate_columns, row_blocks, screw_columns
 from modelsel.diagnosis.candidate_columns import build_columns, stack_design
 from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate, build_candidates
@@ -88,7 +88,8 @@ def test_products_do_not_depend_on_the_memory_that_is_allowed(
     V = rng.normal(size=(len(X), 3))
     assert np.array_equal(kept.dot(V), evaluated.dot(V))
     assert np.array_equal(kept.expand(np.arange(5)), evaluated.expand(np.arange(5)))
-    monkeypatch.setattr(screw_columns, "CACHED_ROWS", 7)
+    for module in (row_blocks, screw_columns):
+        monkeypatch.setattr(module, "CACHED_ROWS", 7)
     np.testing.assert_allclose(evaluated.dot(V), kept.dot(V), rtol=1e-12, atol=1e-9)
 
 
