@@ -45,10 +45,17 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Give every test its stage, and keep a drawn share of the stages that are asked for in part."""
+    """Give every test its one stage, and keep a drawn share of the stages that are asked for in
+    part."""
     for item in items:
         if not any(item.get_closest_marker(stage) for stage in STAGES):
             item.add_marker(default_stage(item))
+    stages = [stage_of(item) for item in items]
+    for node in {node for item in items for node in item.listchain()}:
+        # `-m unit` would run what a file calls unit and the test itself slow
+        node.own_markers[:] = [mark for mark in node.own_markers if mark.name not in STAGES]
+    for item, stage in zip(items, stages, strict=True):
+        item.add_marker(stage)
     shares, seed = shares_of(config), config.getoption("draw")
     dropped = [
         item for item in items if uniform(seed, item.nodeid) >= shares.get(stage_of(item), 1.0)

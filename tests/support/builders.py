@@ -3,7 +3,7 @@ with noise."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -28,9 +28,19 @@ ON_AXIS, OFF_AXIS = (
 )  # target on and off the last joint's axis
 
 
-def seeds(*values: int) -> pytest.MarkDecorator:
-    """The `rng` fixture once per seed, each in the test's id."""
-    return pytest.mark.parametrize("rng", values, indirect=True, ids=[f"seed{v}" for v in values])
+def seeds(*values: int, slow: Sequence[int] = ()) -> pytest.MarkDecorator:
+    """The `rng` fixture once per seed, each in the test's id; those of `slow` in that stage."""
+    each = [pytest.param(value, id=f"seed{value}") for value in values]
+    each += [pytest.param(value, id=f"seed{value}", marks=pytest.mark.slow) for value in slow]
+    return pytest.mark.parametrize("rng", each, indirect=True)
+
+
+def leave_to_slow(values: Iterable[object], *kept: object) -> list[object]:
+    """Parameters of a test that takes seconds for each: all but the kept ones are in the stage
+    `slow`."""
+    return [
+        value if value in kept else pytest.param(value, marks=pytest.mark.slow) for value in values
+    ]
 
 
 def estimate_gain(
