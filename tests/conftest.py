@@ -72,6 +72,16 @@ def pytest_collection_finish() -> None:
     gc.set_threshold(COLLECT)
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
+    """Keep the tests of a file, which share what it prepares, in one process of `-n 2`."""
+    if config.getoption("dist") != "load":
+        return None
+    from xdist.scheduler import LoadFileScheduling
+
+    return LoadFileScheduling(config, log)
+
+
 def pytest_report_header(config: pytest.Config) -> str | None:
     shares = config.getoption("share")
     seed = config.getoption("draw")

@@ -7,6 +7,7 @@ evidence from integrals."""
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -60,8 +61,14 @@ def turned(joint: int, by: Array, q: Array) -> Array:
     return forward(ARM, moved, TOOL)
 
 
+@cache
+def offer() -> tuple[Candidate, ...]:
+    """Every candidate, for tests that ask nothing of the rows they are made for."""
+    return build_candidates(drawn(ARM, np.random.default_rng(1), 40), BASE, every(ARM))
+
+
 def from_base(at: Problem) -> tuple[Scan, tuple[Candidate, ...], Array]:
-    fitted, found = fit(at, BASE), build_candidates(at, BASE, every(ARM))
+    fitted, found = fit(at, BASE), offer()
     X, _ = stack_design(at, BASE.terms, fitted.at())
     Q = compute_basis(X[:, list(fitted.found.kept)])
     return build_scan(build_columns(at, found, fitted.at()), Q), found, Q
