@@ -109,8 +109,10 @@ def default_stage(item: pytest.Item) -> str:
 
 
 def stage_of(item: pytest.Item) -> str:
-    """The stage of a test: the innermost mark counts."""
-    return next(mark.name for mark in item.iter_markers() if mark.name in STAGES)
+    """The stage of a test: the innermost mark counts, first that of its parameters."""
+    callspec = getattr(item, "callspec", None)
+    own = callspec.marks if callspec else ()
+    return next(mark.name for mark in (*own, *item.iter_markers()) if mark.name in STAGES)
 
 
 def uniform(seed: int, name: str) -> float:

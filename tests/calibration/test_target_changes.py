@@ -148,7 +148,7 @@ def benches(count: int, setup: str) -> pytest.MarkDecorator:
 # ------------------------------------------------------------------------------------------------
 
 
-@benches(3, "registered")
+@benches(3, "stands")
 def test_one_target_of_several_that_moved_is_named(count, registered, rng) -> None:
     """Chance alone adds a further change to one in twenty; the size is told with its uncertainty."""
     right, z = 0, []

@@ -222,6 +222,7 @@ def test_a_misspelt_argument_is_refused_with_the_names_there_are(arm, program) -
     assert expand_xacro(arm, {"elsewhere": "1"})
 
 
+@pytest.mark.integration
 def test_init_says_how_a_xacro_file_was_expanded(arm, program, tmp_path) -> None:
     campaign(tmp_path / "m.csv")
     words = ["init", "m.csv", "--robot", arm.name, "--yes"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pandas as pd
@@ -52,8 +53,12 @@ def estimate_gain(
     return first.gain_of(second)
 
 
+# one robot of a name: it is frozen, and keeps what was prepared for it
+load_once = cache(load_robot)
+
+
 def bind(robot: Robot | str, data: Measurements, tool: Sequence[float] = OFF_AXIS) -> Problem:
-    robot = load_robot(robot) if isinstance(robot, str) else robot
+    robot = load_once(robot) if isinstance(robot, str) else robot
     return Problem(robot, data, np.array(tool, float))
 
 
@@ -66,7 +71,7 @@ def drawn(
 ) -> Problem:
     """m configurations within the limits, measured where the nominal model has them, with every
     named covariate."""
-    robot = load_robot(robot) if isinstance(robot, str) else robot
+    robot = load_once(robot) if isinstance(robot, str) else robot
     q = robot.draw(rng, m)
     covariates = {
         "payload_kg": rng.uniform(0, 5, m),
