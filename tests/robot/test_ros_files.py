@@ -231,7 +231,7 @@ def test_init_says_how_a_xacro_file_was_expanded(arm, program, tmp_path) -> None
     assert "arm.urdf.xacro was expanded by xacro, with column:=0.3 (default)." in ran.stdout
     assert "The chain goes from base_link to link_3: 3 joints; no masses were read." in ran.stdout
     study = tmp_path / "m" / "study.toml"
-    study.write_text(study.read_text() + "\n[model]\ncandidates = []\n")
+    study.write_text(study.read_text() + '\n[model]\ncandidates = ["encoder-scale"]\n')
     words = ["study", "m", "--no-sampling", "--no-report", "--quiet", "--out", "r"]
     assert CliRunner().invoke(run_command_line, words).exit_code == 0
     words = ["export", "r", "--format", "urdf", "--urdf", arm.name, "--out", "o.urdf"]

@@ -104,7 +104,7 @@ def studied(
     tool = "register = true" if registered else f"tool_mm = {list(TOOLS['A'])}"
     (folder / "study.toml").write_text(
         f'name = "s"\n[robot]\nname = "{robot}"\n{tool}\n[measurements]\n'
-        f'file = "measurements.csv"\n[model]\ncandidates = []\n{more}'
+        f'file = "measurements.csv"\n[model]\ncandidates = ["encoder-scale"]\n{more}'
     )
     return run_study(folder, sampling=False)
 

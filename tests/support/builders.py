@@ -176,7 +176,7 @@ def small_campaign() -> tuple[Problem, pd.DataFrame, Study]:
         robot={"nominal": arm, "tool_mm": OFF_AXIS},
         measurements=frame,
         split={"estimation": 30},
-        model={"candidates": []},
+        model={"candidates": ["encoder-scale"]},
     )
     return at, frame, study
 
