@@ -137,7 +137,7 @@ def test_a_one_sided_term_has_the_evidence_of_half_a_normal_prior(
     )  # however strong: worth less than no effect
 
 
-@seeds(1, 2)
+@seeds(1, slow=(2,))
 def test_of_several_terms_the_one_least_of_its_sign_counts(rng: np.random.Generator) -> None:
     """Its t is the one of the least-squares fit of the mechanism's columns beyond the model, at
     unit noise."""
