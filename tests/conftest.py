@@ -45,10 +45,17 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Give every test its stage, and keep a drawn share of the stages that are asked for in part."""
+    """Give every test its one stage, and keep a drawn share of the stages that are asked for in
+    part."""
     for item in items:
         if not any(item.get_closest_marker(stage) for stage in STAGES):
             item.add_marker(default_stage(item))
+    stages = [stage_of(item) for item in items]
+    for node in {node for item in items for node in item.listchain()}:
+        # `-m unit` would run what a file calls unit and the test itself slow
+        node.own_markers[:] = [mark for mark in node.own_markers if mark.name not in STAGES]
+    for item, stage in zip(items, stages, strict=True):
+        item.add_marker(stage)
     shares, seed = shares_of(config), config.getoption("draw")
     dropped = [
         item for item in items if uniform(seed, item.nodeid) >= shares.get(stage_of(item), 1.0)
@@ -63,6 +70,16 @@ def pytest_collection_finish() -> None:
     tenth of the time of the tests."""
     gc.freeze()
     gc.set_threshold(COLLECT)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
+    """Keep the tests of a file, which share what it prepares, in one process of `-n 2`."""
+    if config.getoption("dist") != "load":
+        return None
+    from xdist.scheduler import LoadFileScheduling
+
+    return LoadFileScheduling(config, log)
 
 
 def pytest_report_header(config: pytest.Config) -> str | None:
@@ -92,8 +109,10 @@ def default_stage(item: pytest.Item) -> str:
 
 
 def stage_of(item: pytest.Item) -> str:
-    """The stage of a test: the innermost mark counts."""
-    return next(mark.name for mark in item.iter_markers() if mark.name in STAGES)
+    """The stage of a test: the innermost mark counts, first that of its parameters."""
+    callspec = getattr(item, "callspec", None)
+    own = callspec.marks if callspec else ()
+    return next(mark.name for mark in (*own, *item.iter_markers()) if mark.name in STAGES)
 
 
 def uniform(seed: int, name: str) -> float:

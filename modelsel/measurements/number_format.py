@@ -13,6 +13,7 @@ COMMA_GROUPS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?")
 # blanks and apostrophes between groups of three digits, as in Swiss and French files
 OTHER_GROUPS = re.compile(r"[+-]?\d{1,3}(?:[ '’\u00a0\u202f]\d{3})+(?:[.,]\d*)?")
 FORMS = (PLAIN, WITH_COMMA, POINT_GROUPS, COMMA_GROUPS, OTHER_GROUPS)
+ANY_FORM = re.compile("|".join(f"(?:{form.pattern})" for form in FORMS))
 GROUP_MARKS = re.compile(r"[ '’\u00a0\u202f]")
 # share of a table's numbers that are written another way, from which that is its way
 MIN_ODD_SHARE = 0.02
@@ -26,7 +27,7 @@ def is_number(cell: Any) -> bool:
     if isinstance(cell, (int, float)):
         return True
     text = clean_number(cell)
-    return any(form.fullmatch(text) for form in FORMS)
+    return ANY_FORM.fullmatch(text) is not None
 
 
 def clean_number(cell: Any) -> str:
@@ -91,13 +92,20 @@ def needs_conversion(cells: Sequence[Any]) -> bool:
     count = 0
     odd = 0
     for cell in cells:
-        if is_number(cell):
+        if _is_plain(cell):
+            count += 1
+        elif is_number(cell):
             count += 1
             odd += is_odd_number(cell)
             if _has_groups_and_point(cell):
                 return True
     least = MIN_ODD_SHARE * count
     return odd >= max(1, least)
+
+
+def _is_plain(cell: Any) -> bool:
+    """Whether a cell is text that is a number in Python's form, as most are."""
+    return isinstance(cell, str) and PLAIN.fullmatch(cell.strip()) is not None
 
 
 def _has_groups_and_point(cell: Any) -> bool:

@@ -54,10 +54,12 @@ def is_blank_row(row: Row) -> bool:
 def is_remark(row: Row, width: int) -> bool:
     """Whether a row that has not `width` cells is a sentence below or between the rows, whatever
     separates its words: three words or more, and far fewer numbers than words."""
+    if len(row) == width:
+        return False
     text = " ".join(_as_text(cell) for cell in row)
     words = len(WORD.findall(text))
     numbers = sum(map(is_number, row))
-    return len(row) != width and words >= MIN_REMARK_WORDS and MIN_REMARK_WORDS * numbers <= words
+    return words >= MIN_REMARK_WORDS and MIN_REMARK_WORDS * numbers <= words
 
 
 def advise_on_width(row: Sequence[str], width: int, separator: str) -> str:

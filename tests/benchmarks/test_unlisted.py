@@ -107,6 +107,7 @@ def test_oracle_tests_by_f() -> None:
     assert unlisted.compute_p(at, base, both, plain)[0] == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_oracle_is_better_than_the_base_and_finds_a_large_effect() -> None:
     one = drawn("cable", 5)
     larger = scale_parts(one.plant, one.state, np.array([8 * SIGMA]))

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from builders import drawn, measured, planted
+from builders import drawn, measured, planted, seeds
 from click.testing import CliRunner
 
 from modelsel.calibration.calibration import Calibration, calibrate
@@ -119,7 +119,7 @@ def test_false_alarms_are_as_rare_as_promised(rng) -> None:
     )
 
 
-@pytest.mark.parametrize("rng", [1, 2], indirect=True)
+@seeds(1, slow=(2,))
 def test_what_was_held_out_holds_the_parameters_uncertainty_already(rng) -> None:
     """Twenty-five configurations fitted, the rms of 400 held out known: what these show beyond noise is
     the parameters' uncertainty, which is not expected twice."""

@@ -5,6 +5,7 @@ Targets, arms, moves and noise are drawn from the test's stream, and measured on
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -125,12 +126,29 @@ def only(place: int, by: Array, count: int) -> Array:
 SETUPS = pytest.mark.parametrize("registered", [False, True], ids=["stands", "registered"])
 
 
+def benches(count: int, setup: str) -> pytest.MarkDecorator:
+    """Two, three and five targets in both set-ups, of which all but one are slow: each draws a dozen
+    pairs of campaigns."""
+    every = itertools.product((2, 3, 5), ("stands", "registered"))
+    return pytest.mark.parametrize(
+        ("count", "registered"),
+        [
+            pytest.param(
+                targets,
+                placed == "registered",
+                id=f"{targets}-{placed}",
+                marks=() if (targets, placed) == (count, setup) else pytest.mark.slow,
+            )
+            for targets, placed in every
+        ],
+    )
+
+
 # -- what moved
 # ------------------------------------------------------------------------------------------------
 
 
-@SETUPS
-@pytest.mark.parametrize("count", [2, 3, 5])
+@benches(3, "stands")
 def test_one_target_of_several_that_moved_is_named(count, registered, rng) -> None:
     """Chance alone adds a further change to one in twenty; the size is told with its uncertainty."""
     right, z = 0, []
@@ -148,8 +166,7 @@ def test_one_target_of_several_that_moved_is_named(count, registered, rng) -> No
     assert np.sqrt(np.mean(np.square(z))) < 2
 
 
-@SETUPS
-@pytest.mark.parametrize("count", [2, 3, 5])
+@benches(2, "stands")
 def test_an_adapter_that_was_put_back_moves_all_together(count, registered, rng) -> None:
     right = 0
     for _ in range(12):

@@ -224,6 +224,7 @@ def test_nothing_takes_the_place_of_a_pipe(tmp_path: Path) -> None:
         write_atomically(tmp_path, b"new")
 
 
+@pytest.mark.integration
 def test_positions_that_are_all_the_same_are_no_metres() -> None:
     robot = load_robot("ur10")
     frame = measured(robot, 40)
@@ -234,6 +235,7 @@ def test_positions_that_are_all_the_same_are_no_metres() -> None:
     assert caught.value.remedy.startswith("Every row has the same position: check the columns")
 
 
+@pytest.mark.slow
 def test_large_readings_are_written_out(tmp_path: Path) -> None:
     """Positions in the columns of the joints."""
     frame = measured(load_robot("ur10"), 12)

@@ -63,7 +63,7 @@ def test_files_of_the_form_of_the_first(form, tmp_path, monkeypatch) -> None:
     assert ran.exit_code == 0, ran.output
     assert Path("s/m.csv").read_bytes() == Path("m.csv").read_bytes()
     study = Path("s/study.toml")
-    study.write_text(study.read_text() + "\n[model]\ncandidates = []\n")
+    study.write_text(study.read_text() + '\n[model]\ncandidates = ["encoder-scale"]\n')
     ran = invoked("study", "s", "--no-sampling", "--no-report", "--quiet", "--out", "r")
     assert ran.exit_code == 0, ran.output
     new = campaign(19)
@@ -100,7 +100,7 @@ def test_measured_rows_without_a_position_are_commands_too(tmp_path, monkeypatch
     write(Path("m.csv"), campaign(18), "units")
     assert invoked("init", "m.csv", "--robot", "ur10", "--yes", "--out", "s").exit_code == 0
     study = Path("s/study.toml")
-    study.write_text(study.read_text() + "\n[model]\ncandidates = []\n")
+    study.write_text(study.read_text() + '\n[model]\ncandidates = ["encoder-scale"]\n')
     invoked("study", "s", "--no-sampling", "--no-report", "--quiet", "--out", "r")
     done = invoked("compensate", "r", "m.csv", "--out", "c.csv")
     assert done.exit_code == 0, done.output

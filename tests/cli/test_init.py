@@ -595,7 +595,7 @@ def test_targets_and_pool_have_the_names_of_the_study() -> None:
     frame.to_csv("m.csv", sep=";", decimal=",", index=False)
     assert invoked("init", "m.csv", "--robot", "ur10", "--yes", "--out", "s").exit_code == 0
     study = Path("s/study.toml")
-    study.write_text(study.read_text() + "\n[model]\ncandidates = []\n")
+    study.write_text(study.read_text() + '\n[model]\ncandidates = ["encoder-scale"]\n')
     assert invoked("study", "s", "--no-sampling", "--no-report", "--quiet").exit_code == 0
     joints = {f"J{k}": f"q{k}_deg" for k in range(1, 7)}
     wanted = {axis: f"{axis.lower()}_mm" for axis in "XYZ"}
@@ -638,7 +638,7 @@ def test_a_file_of_the_form_of_the_study_goes_into_check_and_validate() -> None:
     assert invoked("check", "s", "--robot", "ur10").exit_code == 2
     assert invoked("check", "m.csv").exit_code == 2
     study = Path("s/study.toml")
-    study.write_text(study.read_text() + "\n[model]\ncandidates = []\n")
+    study.write_text(study.read_text() + '\n[model]\ncandidates = ["encoder-scale"]\n')
     ran = invoked("study", "s", "--no-sampling", "--no-report", "--quiet", "--out", "r")
     assert ran.exit_code == 0, ran.output
     stored = json.loads(Path("r/calibration.json").read_text())["file_form"]

@@ -39,11 +39,13 @@ def printed(code: str) -> str:
     return done.stdout
 
 
+@pytest.mark.integration
 def test_the_sampler_comes_without_scipy_stats() -> None:
     """And leaves it to whoever asks for it."""
     assert printed(SAMPLER) == "True False\n0.0\n"
 
 
+@pytest.mark.integration
 def test_a_study_loads_nothing_that_it_may_not_need() -> None:
     assert printed(STUDY) == "[]\n"
 

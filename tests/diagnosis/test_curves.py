@@ -4,6 +4,7 @@ chance is not listed."""
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import pytest
@@ -39,6 +40,15 @@ def turned(at: Problem, joint: int, curve: Array, rng: np.random.Generator) -> P
     bent[:, joint - 1] += curve
     shift = forward(at.robot, bent, at.tools[0]) - forward(at.robot, at.data.q, at.tools[0])
     return measured(at, at.data.position + shift + rng.normal(0, SIGMA, shift.shape))
+
+
+@cache
+def offer() -> tuple[Model, tuple[Candidate, ...]]:
+    """A PUMA's geometry and every candidate beside it, for tests that ask nothing of the rows they
+    are made for."""
+    at = drawn("puma760", np.random.default_rng(1), 80)
+    base = Model((mechanism("geometric", at.robot),))
+    return base, build_candidates(at, base, every(at.robot))
 
 
 def named(at: Problem, rng: np.random.Generator) -> Diagnosis:
@@ -158,9 +168,8 @@ def test_no_finding_is_listed_that_chance_would_explain(rng: np.random.Generator
 
 def test_a_part_of_the_columns_scans_like_the_whole(rng: np.random.Generator) -> None:
     """Restricted to one joint's curve, columns, Gram blocks and evidence are those of the whole."""
-    at = drawn("puma760", rng, 100)
-    base = Model((mechanism("geometric", at.robot),))
-    found: tuple[Candidate, ...] = build_candidates(at, base, every(at.robot))
+    at = drawn("puma760", rng, 60)
+    base, found = offer()
     whole = build_columns(at, found)
     curve = collect_curves(found, whole, np.log([c.prior for c in found]))[4]
     for k, g in enumerate(curve.which):
@@ -190,9 +199,8 @@ def test_a_name_that_its_own_set_does_not_hold_is_said_not_to_be_told_apart(
     rng: np.random.Generator,
 ) -> None:
     at = drawn("puma760", rng, 80)
-    base = Model((mechanism("geometric", at.robot),))
+    base, found = offer()
     fitted = fit(turned(at, 4, 1e-3 * np.sin(at.data.q[:, 3]), rng), base)
-    found = build_candidates(at, base, every(at.robot))
     strange = next(k for k, c in enumerate(found) if c.mechanism.name == "refraction")
     X, r = stack_design(turned(at, 4, 1e-3 * np.sin(at.data.q[:, 3]), rng), base.terms, fitted.at())
     seen = build_scan(build_columns(at, found, fitted.at()), compute_basis(X))

@@ -227,7 +227,7 @@ def include(weights: Mapping[frozenset[int], float], count: int) -> Array:
     return included
 
 
-@seeds(1, 2, 3)
+@seeds(1, slow=(2, 3))
 def test_sampled_sets_are_as_probable_as_all_sets_say(rng: np.random.Generator) -> None:
     pairs = 4
     pool = draw_alike(rng, pairs)
@@ -245,7 +245,7 @@ def test_sampled_sets_are_as_probable_as_all_sets_say(rng: np.random.Generator) 
     assert np.abs(sampled - exact).max() < 0.06
 
 
-@seeds(1, 2, 3)
+@seeds(1, slow=(2, 3))
 def test_of_many_sets_those_near_the_first_are_not_told_as_likelier(
     rng: np.random.Generator,
 ) -> None:

@@ -127,7 +127,6 @@ def propose(at: Problem, rows: list[int]) -> list[tuple[str, float]]:
 
 
 @pytest.mark.slow
-@pytest.mark.unit
 def test_steps_are_proposed_where_a_run_begins_and_ends(rng: Rng) -> None:
     at = draw_slips(rng, (0, 30, 37))
     first, second = propose(at, [90, 93, 96, 99, 102, 105, 108])
@@ -138,7 +137,6 @@ def test_steps_are_proposed_where_a_run_begins_and_ends(rng: Rng) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.unit
 def test_a_run_to_the_end_needs_one_step(rng: Rng) -> None:
     at = draw_slips(rng, (2, 65, 70))
     ((name, moment),) = propose(at, [197, 200, 203, 206, 209])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from builders import drawn, seeds
@@ -33,6 +35,13 @@ TERMS = (
     Term("d", (Screw(7, "tz", sin(0.0 * q(1) + 1.0)),)),
     Term("e", (Screw(2, "rz", q(3)),)),
 )
+
+
+@cache
+def offer() -> tuple[Candidate, ...]:
+    """Every candidate of a PUMA, for tests that ask nothing of the rows they are made for."""
+    at = drawn("puma760", np.random.default_rng(1), 30)
+    return build_candidates(at, Model(()), every(at.robot))
 
 
 def columns_of(at: Problem, memory_mb: float = 500.0) -> tuple[ScrewColumns, np.ndarray]:
@@ -203,7 +212,7 @@ def test_columns_that_are_asked_for_again_are_kept_within_bounds(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     at = drawn("puma760", rng, 30)
-    cols = build_columns(at, build_candidates(at, Model(()), every(at.robot)))
+    cols = build_columns(at, offer())
     first = cols.expand(0)
     assert cols.expand(0) is first
     monkeypatch.setattr(candidate_columns, "KEPT_NUMBERS", 10 * cols.rows)
@@ -216,7 +225,7 @@ def test_columns_that_are_asked_for_again_are_kept_within_bounds(
 def test_gram_matrices_are_those_of_the_columns(rng: np.random.Generator) -> None:
     """Of candidates at one place, from the lengths of rows, and of those at several."""
     at = drawn("puma760", rng, 30)
-    cols = build_columns(at, build_candidates(at, Model(()), every(at.robot)))
+    cols = build_columns(at, offer())
     fields = cols.screws.lone_field
     kinds = set()
     for block in cols.grams:
@@ -232,7 +241,7 @@ def test_places_have_their_columns_in_runs(rng: np.random.Generator) -> None:
     """All columns of ordered terms but few stand in slices, and products are those of the columns,
     whatever the order of the terms."""
     at = drawn("puma760", rng, 30)
-    cols = build_columns(at, build_candidates(at, Model(()), every(at.robot)))
+    cols = build_columns(at, offer())
     runs = [run.causes for place in cols.screws.places for run in place.runs]
     sliced = sum(run.stop - run.start for run in runs if isinstance(run, slice))
     assert sliced > 0.9 * cols.screws.count
@@ -246,7 +255,7 @@ def test_directions_beyond_a_model_are_orthonormal(rng: np.random.Generator) -> 
     """Of few columns and of many, of candidates that are free of the model and of those that it
     has in part: W left Wᵀ is the identity on what is left."""
     at = drawn("puma760", rng, 60)
-    cols = build_columns(at, build_candidates(at, Model(()), every(at.robot)))
+    cols = build_columns(at, offer())
     some = np.concatenate([cols.slices[g][:1] for g in rng.choice(cols.groups, 40)])
     seen = build_scan(cols, compute_basis(cols.screws.expand(some).T))
     partly = 0

@@ -4,6 +4,7 @@ independent; and a search that does not know the order of the rows."""
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -49,9 +50,15 @@ def sharing(rng: np.random.Generator, kind: object, stated: bool) -> Problem:
     return replace(at, whitening=Whitening(2.0, matrices, SharedErrors(parts)))
 
 
+@cache
+def offer() -> tuple[Candidate, ...]:
+    """Every candidate, for tests that ask nothing of the rows they are made for."""
+    at = drawn(ARM, np.random.default_rng(1), M)
+    return build_candidates(at, BASE, tuple(every(ARM)), True, DEFAULT_OPTIONS)
+
+
 def searched(at: Problem) -> tuple[tuple[Candidate, ...], Columns]:
-    found = build_candidates(at, BASE, tuple(every(ARM)), True, DEFAULT_OPTIONS)
-    return found, build_columns(at, found, fit(at, BASE).at())
+    return offer(), build_columns(at, offer(), fit(at, BASE).at())
 
 
 def write_out(at: Problem, candidate: Candidate) -> Array:

@@ -262,7 +262,6 @@ def list_steps_of_targets(at: Problem, estimation: np.ndarray) -> set[str]:
 
 
 @pytest.mark.slow
-@pytest.mark.unit
 def test_a_step_of_all_targets_is_one_of_those_that_were_fitted(rng: Rng) -> None:
     """With the third only held out, all of them were told to stand elsewhere."""
     at, _, _ = draw_campaign(rng, [])
@@ -291,7 +290,6 @@ def test_one_target_has_the_candidates_that_it_had(rng: Rng) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.unit
 def test_targets_share_the_prior_of_one_name(rng: Rng) -> None:
     at, _, _ = draw_campaign(rng, [])
     placed = place_steps(at, np.ones(len(at), bool), offer(at))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from builders import drawn, planted
@@ -16,17 +18,26 @@ from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.mechanisms.environment import tracker_step
 from modelsel.mechanisms.registry import every, mechanism
+from modelsel.robot.files import load_robot
 
 NAMES = ("free(q4) 20", "encoder-scale:4", "backlash:2", "settle:2")
+ARM = load_robot("puma760")
+BASE = Model((mechanism("geometric", ARM),))
 
 
-def search_drawn(rng: np.random.Generator, *base: str) -> Search:
+@cache
+def offer() -> tuple[Candidate, ...]:
+    """Those that are seen, and every seventh of the others: what a view is does not depend on how
+    many there are."""
+    found = build_candidates(drawn(ARM, np.random.default_rng(1), 70), BASE, every(ARM))
+    return tuple(one for k, one in enumerate(found) if k % 7 == 0 or one.mechanism.name in NAMES)
+
+
+def search_drawn(rng: np.random.Generator) -> Search:
     """A search on a drawn campaign of a PUMA whose joint 3 has an eccentric encoder."""
-    at = drawn("puma760", rng, 70)
-    model = Model(tuple(mechanism(name, at.robot) for name in base))
-    bent = planted(at, mechanism("encoder-eccentricity:3", at.robot).terms, [3e-4, 2e-4], rng, 0.03)
-    found = build_candidates(bent, model, every(at.robot))
-    return Search(bent, model, found, rng, fit(bent, model))
+    at = drawn(ARM, rng, 70)
+    bent = planted(at, mechanism("encoder-eccentricity:3", ARM).terms, [3e-4, 2e-4], rng, 0.03)
+    return Search(bent, BASE, offer(), rng, fit(bent, BASE))
 
 
 def find(search: Search, *names: str) -> list[int]:
@@ -43,7 +54,7 @@ def see_strength(view: views.View) -> Array:
 @pytest.mark.slow
 @pytest.mark.parametrize("count", range(len(NAMES) + 1))
 def test_a_view_holds_all_columns_of_its_model(rng: np.random.Generator, count: int) -> None:
-    search = search_drawn(rng, "geometric")
+    search = search_drawn(rng)
     view = search.fit_model(find(search, *NAMES[:count]), None)
     rows, kept = search.columns.rows, list(view.kept)
     A, _ = stack_design(search.problem, view.model.terms, search.first.fitted.at())
@@ -65,7 +76,7 @@ def test_a_view_holds_all_columns_of_its_model(rng: np.random.Generator, count: 
 def test_columns_of_the_last_models_are_remembered_and_the_oldest_forgotten(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    search = search_drawn(rng, "geometric")
+    search = search_drawn(rng)
     first, second = find(search, "settle:2"), find(search, "encoder-scale:4")
     before = see_strength(search.fit_model(first, None))
     asked: list[int] = []
@@ -89,7 +100,7 @@ def test_a_view_by_itself_sees_the_same(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Linearised at its own fit instead of the base's, which are near each other."""
-    search = search_drawn(rng, "geometric")
+    search = search_drawn(rng)
     chosen = find(search, *NAMES)
     shared = search.fit_model(chosen, None)
     monkeypatch.setattr(views, "OWN_SHARE", 2.0)  # no column has as much of its own
@@ -101,7 +112,7 @@ def test_a_view_by_itself_sees_the_same(
 
 def test_a_model_that_adds_nothing_has_a_view(rng: np.random.Generator) -> None:
     """A step after the last configuration moves no row."""
-    before = search_drawn(rng, "geometric")
+    before = search_drawn(rng)
     after = tracker_step(before.problem.robot, 1.5)
     search = before.offer((Candidate(after, CandidateKind.MECHANISM, 1e-3),))
     view = search.fit_model(find(search, "tracker-step")[-1:], None)

@@ -38,7 +38,7 @@ def measure(robot: Robot, q: Array, moved: Array, rng: np.random.Generator, rad:
     return bind(robot, replace(build_measurements(q, position), rotation=rotation))
 
 
-@seeds(1, 2, 3)
+@seeds(1, slow=(2, 3))
 def test_the_scales_are_told_beside_a_joint_that_does_not_repeat(rng: np.random.Generator) -> None:
     q = ARM.draw(rng, 150)
     loose = rng.integers(1, 6)

@@ -285,7 +285,7 @@ def test_rows_that_are_not_used_say_nothing(rng: np.random.Generator) -> None:
     assert one.parts == other.parts
 
 
-@seeds(1, 2, 3)
+@seeds(1, slow=(2, 3))
 def test_the_instruments_interval_allows_for_a_part_that_chance_may_have_brought(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -304,7 +304,7 @@ def test_the_instruments_interval_allows_for_a_part_that_chance_may_have_brought
     assert by_chance[0].high >= alone.high * (1 - 1e-9)
 
 
-@seeds(1, 2)
+@seeds(1, slow=(2,))
 def test_the_instrument_may_be_less_where_a_part_was_nearly_found(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -323,7 +323,7 @@ def test_the_instrument_may_be_less_where_a_part_was_nearly_found(
     assert alone.low > found.parts[0].scale
 
 
-@seeds(1, 2)
+@seeds(1, slow=(2,))
 def test_the_order_of_rows_does_not_matter_where_nothing_lasts(rng: np.random.Generator) -> None:
     at = move_joint(campaign(rng, targets=2), 2, 5e-4, rng)
     at = move_levels(at, at.data.configuration, SIGMA, rng)
@@ -375,7 +375,7 @@ def test_the_only_part_that_was_there_may_be_gone(rng: np.random.Generator) -> N
         assert now.names == ()
 
 
-@seeds(1, 2)
+@seeds(1, slow=(2,))
 def test_what_lasts_may_last_longer_than_before(rng: np.random.Generator) -> None:
     structures = []
     draws = rng.normal(size=(2, 120, 3))

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from builders import OFF_AXIS, seeds, small_arm
+from builders import OFF_AXIS, leave_to_slow, seeds, small_arm
 
 from modelsel._typing import Array
 from modelsel.fitting.design import Model
@@ -105,7 +105,7 @@ def test_a_line_of_sight_takes_an_instrument_apart_from_the_arm(rng: np.random.G
     assert of_sight <= {part.name for part in list_parts(bind_far(q, position), every)}
 
 
-@pytest.mark.parametrize("tails", [3, 200])
+@pytest.mark.parametrize("tails", leave_to_slow((3, 200), 3))
 def test_noise_alike_in_all_directions_is_rarely_told_as_more_in_one(
     rng: np.random.Generator, tails: int
 ) -> None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from builders import OFF_AXIS, seeds, small_arm
+from builders import OFF_AXIS, leave_to_slow, seeds, small_arm
 
 from modelsel._typing import Array
 from modelsel.fitting.design import Model
@@ -125,7 +125,7 @@ HEAVY = {
 }
 
 
-@pytest.mark.parametrize("tails", HEAVY)
+@pytest.mark.parametrize("tails", leave_to_slow(HEAVY, "Student"))
 def test_rows_that_are_loud_by_chance_make_no_target_and_no_group_louder(
     rng: np.random.Generator, tails: str
 ) -> None:

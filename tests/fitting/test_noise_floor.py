@@ -49,7 +49,7 @@ def seen_in_part(rng: np.random.Generator, error: Array) -> Floor | None:
     return from_target_pairs(data)
 
 
-@seeds(1, 2)
+@seeds(1, slow=(2,))
 @pytest.mark.parametrize(("measure", "rows"), [(repeated, 30), (paired, 60), (seen_in_part, 75)])
 @pytest.mark.parametrize("bad", [0, 1])
 def test_a_floor_is_as_sure_as_its_freedom(rng: np.random.Generator, measure, rows, bad) -> None:

@@ -30,7 +30,7 @@ PUMA = load_robot("puma760")
 TABLE = {"joint": [{"dh": {"theta_deg": 0, "d_mm": 100, "a_mm": 300, "alpha_deg": 90}}] * 3}
 
 
-@seeds(1, 2)
+@seeds(1, slow=(2,))
 def test_a_target_wanders_off_the_axis_without_a_jump(rng) -> None:
     """From on the last axis to a millimetre off it two combinations become estimable on paper. The
     arm that is predicted with a longer tool moves by micrometres a step; keeping parameters at zero

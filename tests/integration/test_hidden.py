@@ -57,14 +57,14 @@ HIDDEN = (
     "kink of one joint",
     "shape of one joint",
 )
-IN_UNIT_STAGE = "odd coupling"  # one hidden effect is sought whenever anything is tested
+OF_EVERY_CHANGE = "odd coupling"  # one hidden effect is sought before any change lands
 SHAPE = 3.0  # a shape that no list has costs many coefficients
 SHAPES = ("kink of one joint", "shape of one joint")
 
 
 def staged(kind: str) -> Any:
     """The kind as a parameter, with the stage in which it is tried."""
-    stage = "unit" if kind == IN_UNIT_STAGE else "long"
+    stage = "integration" if kind == OF_EVERY_CHANGE else "long"
     return pytest.param(kind, marks=getattr(pytest.mark, stage))
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from builders import leave_to_slow
 from report_studies import read_source
 
 from modelsel.report.figures import parameter_plots
@@ -109,7 +110,7 @@ def test_names_of_axes_seen_in_one_direction_stand_apart() -> None:
         assert gaps.min() > 5
 
 
-@pytest.mark.parametrize("frames", [4, 8, 9, 10, 13])
+@pytest.mark.parametrize("frames", leave_to_slow((4, 8, 9, 10, 13), 4, 8, 13))
 def test_names_of_all_frames_are_whole_and_apart_from_axes(frames) -> None:
     along = np.arange(frames + 1.0)
     origins = np.stack([100 * along, 0 * along, 50 * np.sin(along)], 1)

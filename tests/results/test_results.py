@@ -100,7 +100,7 @@ def test_a_robot_may_be_an_object(rng) -> None:
         robot={"nominal": arm, "register": True},
         measurements=at.data.to_frame(),
         split=split,
-        model={"candidates": []},
+        model={"candidates": ["encoder-scale"]},
     )
     assert run_study(study, sampling=False).robot is arm
     text = study.model_dump_json()
@@ -111,7 +111,7 @@ def test_a_robot_may_be_an_object(rng) -> None:
             robot={"nominal": other, "register": True},
             measurements=at.data.to_frame(),
             split=split,
-            model={"candidates": []},
+            model={"candidates": ["encoder-scale"]},
         ).model_dump_json()
     )
 

@@ -222,6 +222,7 @@ def test_a_misspelt_argument_is_refused_with_the_names_there_are(arm, program) -
     assert expand_xacro(arm, {"elsewhere": "1"})
 
 
+@pytest.mark.integration
 def test_init_says_how_a_xacro_file_was_expanded(arm, program, tmp_path) -> None:
     campaign(tmp_path / "m.csv")
     words = ["init", "m.csv", "--robot", arm.name, "--yes"]
@@ -230,7 +231,7 @@ def test_init_says_how_a_xacro_file_was_expanded(arm, program, tmp_path) -> None
     assert "arm.urdf.xacro was expanded by xacro, with column:=0.3 (default)." in ran.stdout
     assert "The chain goes from base_link to link_3: 3 joints; no masses were read." in ran.stdout
     study = tmp_path / "m" / "study.toml"
-    study.write_text(study.read_text() + "\n[model]\ncandidates = []\n")
+    study.write_text(study.read_text() + '\n[model]\ncandidates = ["encoder-scale"]\n')
     words = ["study", "m", "--no-sampling", "--no-report", "--quiet", "--out", "r"]
     assert CliRunner().invoke(run_command_line, words).exit_code == 0
     words = ["export", "r", "--format", "urdf", "--urdf", arm.name, "--out", "o.urdf"]

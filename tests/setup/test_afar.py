@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from builders import leave_to_slow
 from drawn_arms import SIZES, error, target, turn
 from scipy.optimize import least_squares
 
@@ -21,7 +22,7 @@ NOISE = 0.06
 UNIT = np.array([1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3])
 
 
-@pytest.mark.parametrize("name", ["ur5e", "puma760", "irb120", "iiwa14"])
+@pytest.mark.parametrize("name", leave_to_slow(("ur5e", "puma760", "irb120", "iiwa14"), "ur5e"))
 def test_the_minimum_is_found_from_afar(name, rng) -> None:
     robot, m = load_robot(name), int(rng.integers(60, 160))
     n = robot.n

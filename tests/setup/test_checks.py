@@ -104,7 +104,7 @@ def studied(
     tool = "register = true" if registered else f"tool_mm = {list(TOOLS['A'])}"
     (folder / "study.toml").write_text(
         f'name = "s"\n[robot]\nname = "{robot}"\n{tool}\n[measurements]\n'
-        f'file = "measurements.csv"\n[model]\ncandidates = []\n{more}'
+        f'file = "measurements.csv"\n[model]\ncandidates = ["encoder-scale"]\n{more}'
     )
     return run_study(folder, sampling=False)
 
@@ -690,6 +690,7 @@ def test_a_wild_number_is_no_slip(rng, tmp_path) -> None:
     assert "micrometres" not in said
 
 
+@pytest.mark.integration
 def test_a_position_of_the_row_before(rng, tmp_path) -> None:
     data = frame(rng, 80)
     for c in ("x_mm", "y_mm", "z_mm"):
@@ -745,6 +746,7 @@ def validated(folder: Path, data: pd.DataFrame, *more: str) -> tuple[int, dict[s
     return ran.exit_code, json.loads(ran.output), plain.output
 
 
+@pytest.mark.integration
 def test_validate_does_not_believe_a_stated_uncertainty(rng, tmp_path) -> None:
     """Micrometres called millimetres, stored by an earlier version as well: an arm that is 4 mm off
     has drifted."""

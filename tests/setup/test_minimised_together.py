@@ -161,6 +161,7 @@ def test_other_robots_are_searched_in_one_go(rng, monkeypatch) -> None:
     assert calls[0] == 2 * len(ROBOTS)
 
 
+@pytest.mark.slow
 @seeds(1)
 def test_a_check_made_again_searches_nothing(rng, monkeypatch) -> None:
     """`modelsel init` and `modelsel check` both describe a file and try its study."""

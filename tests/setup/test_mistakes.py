@@ -241,7 +241,7 @@ def test_it_is_told_first_and_nothing_is_changed(rng, tmp_path) -> None:
     build_measurements(q, position).to_frame().to_csv(tmp_path / "measurements.csv", index=False)
     (tmp_path / "study.toml").write_text(
         'name = "s"\n[robot]\nname = "ur5"\nregister = true\n[measurements]\n'
-        'file = "measurements.csv"\n[model]\ncandidates = []\n'
+        'file = "measurements.csv"\n[model]\ncandidates = ["encoder-scale"]\n'
     )
     words = "if joint 5 turns the other way"
     for command in (

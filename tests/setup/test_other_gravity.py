@@ -56,7 +56,7 @@ def look(at: Problem) -> OtherGravity | None:
 
 
 @pytest.mark.unit
-@seeds(1, 2, 3)
+@seeds(1, slow=(2, 3))
 @pytest.mark.parametrize("name", ["ur5e", "irb120", "irb1600"])
 def test_a_direction_far_from_the_assumed_one_is_found(name: str, rng: np.random.Generator) -> None:
     robot = load_robot(name)
@@ -104,7 +104,7 @@ def test_what_the_study_states_is_not_questioned(rng: np.random.Generator) -> No
 
 
 @pytest.mark.unit
-@seeds(1, 2, 3)
+@seeds(1, slow=(2, 3))
 @pytest.mark.parametrize("is_elsewhere", [False, True])
 def test_it_is_asked_beside_what_was_found(is_elsewhere: bool, rng: np.random.Generator) -> None:
     """A joint that turns too little resembles one that winds up against the weight: beside the base

@@ -101,7 +101,7 @@ def test_several_targets(rng) -> None:
     assert np.sqrt(np.square(lengths(found)).mean() / 3) < 1.1 * SIGMA
 
 
-@seeds(1, 2, 3)
+@seeds(1, slow=(2, 3))
 @pytest.mark.parametrize("targets", [1, 2])
 def test_per_group(targets, rng) -> None:
     """One placement a group, robot and targets shared; one placement for all would be metres

@@ -76,7 +76,7 @@ def test_the_verdict_of_targets_without_names_says_so(rng) -> None:
         name="unnamed",
         robot={"name": "ur10", "register": True},
         measurements=measure(rng, ["A", "A"]).to_frame(),
-        model={"candidates": []},
+        model={"candidates": ["encoder-scale"]},
     )
     record = run_study(study, sampling=False).record
     assert "targets-mistaken" in [warning.code for warning in record.warnings]

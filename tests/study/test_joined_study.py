@@ -4,9 +4,11 @@ partner is said."""
 from __future__ import annotations
 
 import copy
+import itertools
 import json
 import re
 import shutil
+from functools import cache
 
 import numpy as np
 import pytest
@@ -28,6 +30,7 @@ ROWS = 40
 TOOLS = np.array([[40.0, -25, 120], [-60, 10, 90]])
 
 
+@cache
 def campaign(tool: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Readings [deg] (m, 6) and the tracker's positions [mm] (m, 3)."""
     rng = np.random.default_rng(5)
@@ -507,17 +510,31 @@ READINGS = {0: "Time"} | {k: f"q{k}_deg" for k in range(1, 7)}
 POSITIONS = {1: "x_mm", 2: "y_mm", 3: "z_mm", 5: "Time"}
 
 
-@pytest.mark.parametrize("contract", ["", "points", "log", "points and log"])
-@pytest.mark.parametrize("way", [(), ("--join", "time")])
-@pytest.mark.parametrize(("least", "most"), [(9, 25), (1000, 4000), (-60, -9)])
-def test_a_dense_log_whose_clock_differs_is_told_by_the_arm(
-    least, most, way, contract, tmp_path
-) -> None:
+BY_TIME = ("--join", "time")
+AHEAD = {"readings near": (9, 25), "none near": (1000, 4000), "behind": (-60, -9)}
+CONTRACTS = ("", "points", "log", "points and log")
+# Every offset and every file below the contract's names at once, each way; the rest are slow
+CLOCKS = {
+    ("readings near", (), ""),
+    ("none near", (), "points"),
+    ("behind", BY_TIME, "log"),
+    ("readings near", BY_TIME, "points and log"),
+}
+
+
+@pytest.mark.parametrize(
+    ("ahead", "way", "contract"),
+    [
+        pytest.param(*clock, marks=() if clock in CLOCKS else pytest.mark.slow)
+        for clock in itertools.product(AHEAD, ((), BY_TIME), CONTRACTS)
+    ],
+)
+def test_a_dense_log_whose_clock_differs_is_told_by_the_arm(ahead, way, contract, tmp_path) -> None:
     """Whether the wrong readings are near in time or none are, and whatever columns are called: the
     offset is proposed, nothing is written; with it the rows are the campaign's."""
     rng = np.random.default_rng()
-    ahead = rng.uniform(least, most)
-    points, readings = leica(), standing_log(ahead, rng)
+    seconds = rng.uniform(*AHEAD[ahead])
+    points, readings = leica(), standing_log(seconds, rng)
     if "points" in contract:
         points = to_contract(points, " ", POSITIONS)
     if "log" in contract:
@@ -529,8 +546,8 @@ def test_a_dense_log_whose_clock_differs_is_told_by_the_arm(
     found = re.search(r"say --clock-offset (\S+) \((\S+) to (\S+) s fit alike", ran.stderr)
     assert found, ran.stderr
     offset, first, last = map(float, found.groups())
-    assert first - 0.5 < ahead < last + 0.5
-    assert abs(offset - ahead) < 5
+    assert first - 0.5 < seconds < last + 0.5
+    assert abs(offset - seconds) < 5
     ran = invoked("--clock-offset", found[1])
     assert ran.exit_code == 0, ran.output
     check(tmp_path, ALL)

@@ -55,6 +55,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_pair(folder, "later", 2, missed=(4,))
     made = run(*pair("init", folder, "first"), "--robot", "ur10", "--yes", "--out", folder / "s")
     assert made.exit_code == 0, made.output
+    with (folder / "s" / "study.toml").open("a") as file:
+        file.write('\n[model]\ncandidates = ["encoder-scale"]\n')
     options = ("--out", folder / "out", "--no-report", "--no-sampling", "-q")
     done = run("study", folder / "s", *options)
     assert done.exit_code == 0, done.output

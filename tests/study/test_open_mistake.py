@@ -18,6 +18,7 @@ from modelsel.study.pipeline import sample_posterior
 from modelsel.study.result import Result, load_result
 from modelsel.study.runner import rehearse_study, run_study
 
+pytestmark = pytest.mark.integration  # whole studies
 ROBOT = "ur5"
 TOOL = np.array([40.0, -25.0, 100.0])
 NOISE = 0.03  # mm

@@ -300,15 +300,23 @@ def offer(at: Problem, study: Study, cells: bool = True, **more: Any) -> tuple[C
     return build_candidates(at, base, every(at.robot) if cells else (), cells, options)
 
 
-@pytest.fixture
-def problem(rng: np.random.Generator) -> Problem:
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+    rng = np.random.default_rng(1986)
     columns = {name: rng.uniform(*ends, 25) for name, ends in BESIDE.items()}
     return drawn("puma760", rng, 25, covariates=columns)
 
 
+@pytest.fixture(scope="module")
+def plain(problem: Problem) -> tuple[Candidate, ...]:
+    """The candidates of a study without causes of its own."""
+    return offer(problem, ask("none.csv"))
+
+
 @pytest.mark.unit
-def test_own_causes_are_at_every_place_with_the_prior_that_they_are_given(problem: Problem) -> None:
-    plain = offer(problem, ask("none.csv"))
+def test_own_causes_are_at_every_place_with_the_prior_that_they_are_given(
+    problem: Problem, plain: tuple[Candidate, ...]
+) -> None:
     own = {"causes": ["acc_x_g", "acc_y_g", "pressure_bar"], "as": "products", "prior": 0.3}
     found = offer(problem, ask("none.csv", own))
     labels = {c.label for c in plain}
@@ -404,8 +412,9 @@ def test_outcomes_weigh_a_name_by_the_odds_that_its_findings_are_right() -> None
 
 
 @pytest.mark.unit
-def test_a_contradicted_name_leaves_its_prior_to_the_other_names(problem: Problem) -> None:
-    plain = offer(problem, ask("none.csv"))
+def test_a_contradicted_name_leaves_its_prior_to_the_other_names(
+    problem: Problem, plain: tuple[Candidate, ...]
+) -> None:
     found = offer(problem, ask("none.csv"), weights=(("backlash", 0.25), ("backlash:3", 0.5)))
     assert sum(c.prior for c in found) == pytest.approx(1.0)
     ratio = {c.label: c.prior / p.prior for c, p in zip(found, plain, strict=True)}

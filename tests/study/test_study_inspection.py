@@ -53,7 +53,11 @@ def make_study(**robot: object) -> Study:
 
 @pytest.mark.parametrize(
     "robot",
-    [{"tool_mm": (41.0, -10.0, 120.0)}, {"register": True}, {"register": "per group"}],
+    [
+        {"tool_mm": (41.0, -10.0, 120.0)},
+        {"register": True},
+        pytest.param({"register": "per group"}, marks=pytest.mark.slow),
+    ],
     ids=["tool", "registered", "per group"],
 )
 def test_check_has_the_robot_where_the_study_has_it(
@@ -105,6 +109,7 @@ def test_check_and_study_determine_the_same_parameters(
     assert found["geometry"]["rank"] == base.rank + len(hardly)
 
 
+@pytest.mark.slow
 def test_check_tells_what_the_study_refuses(tmp_path: Path, rng: np.random.Generator) -> None:
     write_data(tmp_path, rng, is_moved=True)
     study = make_study(tool_mm=TOOL)

@@ -3,8 +3,9 @@ with noise."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pandas as pd
@@ -28,9 +29,19 @@ ON_AXIS, OFF_AXIS = (
 )  # target on and off the last joint's axis
 
 
-def seeds(*values: int) -> pytest.MarkDecorator:
-    """The `rng` fixture once per seed, each in the test's id."""
-    return pytest.mark.parametrize("rng", values, indirect=True, ids=[f"seed{v}" for v in values])
+def seeds(*values: int, slow: Sequence[int] = ()) -> pytest.MarkDecorator:
+    """The `rng` fixture once per seed, each in the test's id; those of `slow` in that stage."""
+    each = [pytest.param(value, id=f"seed{value}") for value in values]
+    each += [pytest.param(value, id=f"seed{value}", marks=pytest.mark.slow) for value in slow]
+    return pytest.mark.parametrize("rng", each, indirect=True)
+
+
+def leave_to_slow(values: Iterable[object], *kept: object) -> list[object]:
+    """Parameters of a test that takes seconds for each: all but the kept ones are in the stage
+    `slow`."""
+    return [
+        value if value in kept else pytest.param(value, marks=pytest.mark.slow) for value in values
+    ]
 
 
 def estimate_gain(
@@ -42,8 +53,12 @@ def estimate_gain(
     return first.gain_of(second)
 
 
+# one robot of a name: it is frozen, and keeps what was prepared for it
+load_once = cache(load_robot)
+
+
 def bind(robot: Robot | str, data: Measurements, tool: Sequence[float] = OFF_AXIS) -> Problem:
-    robot = load_robot(robot) if isinstance(robot, str) else robot
+    robot = load_once(robot) if isinstance(robot, str) else robot
     return Problem(robot, data, np.array(tool, float))
 
 
@@ -56,7 +71,7 @@ def drawn(
 ) -> Problem:
     """m configurations within the limits, measured where the nominal model has them, with every
     named covariate."""
-    robot = load_robot(robot) if isinstance(robot, str) else robot
+    robot = load_once(robot) if isinstance(robot, str) else robot
     q = robot.draw(rng, m)
     covariates = {
         "payload_kg": rng.uniform(0, 5, m),
@@ -161,7 +176,7 @@ def small_campaign() -> tuple[Problem, pd.DataFrame, Study]:
         robot={"nominal": arm, "tool_mm": OFF_AXIS},
         measurements=frame,
         split={"estimation": 30},
-        model={"candidates": []},
+        model={"candidates": ["encoder-scale"]},
     )
     return at, frame, study
 

@@ -103,11 +103,17 @@ def tree_of(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
+@cache
+def nodes_of(path: Path) -> tuple[ast.AST, ...]:
+    """Every node of a module's tree, gathered once for all rules."""
+    return tuple(ast.walk(tree_of(path)))
+
+
 def imports_of(name: str, path: Path, known: Mapping[str, Path]) -> Iterator[tuple[int, str]]:
     """(line, dotted name) of each module of the same package that a file imports, wherever in the
     file it does."""
     house = name.partition(".")[0]
-    for node in ast.walk(tree_of(path)):
+    for node in nodes_of(path):
         if isinstance(node, ast.Import):
             found = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
@@ -125,9 +131,7 @@ def imports_of(name: str, path: Path, known: Mapping[str, Path]) -> Iterator[tup
 
 def typing_lines(path: Path) -> set[int]:
     """Lines of the imports that only a type checker runs."""
-    blocks = [
-        node for node in ast.walk(tree_of(path)) if isinstance(node, ast.If) and checks_types(node)
-    ]
+    blocks = [node for node in nodes_of(path) if isinstance(node, ast.If) and checks_types(node)]
     return {
         inner.lineno
         for block in blocks
@@ -139,7 +143,10 @@ def typing_lines(path: Path) -> set[int]:
 
 def checks_types(node: ast.If) -> bool:
     """Whether a condition is TYPE_CHECKING."""
-    return ast.unparse(node.test) in {"TYPE_CHECKING", "typing.TYPE_CHECKING"}
+    test = node.test
+    if isinstance(test, ast.Attribute) and isinstance(test.value, ast.Name):
+        return (test.value.id, test.attr) == ("typing", "TYPE_CHECKING")
+    return isinstance(test, ast.Name) and test.id == "TYPE_CHECKING"
 
 
 def absolute(node: ast.ImportFrom, name: str, *, is_package: bool) -> str:
@@ -204,7 +211,7 @@ def size_problems(package: Path) -> list[str]:
 
 def functions_of(path: Path) -> list[Function]:
     """Every function of a module, methods and nested ones too."""
-    return [node for node in ast.walk(tree_of(path)) if isinstance(node, FUNCTIONS)]
+    return [node for node in nodes_of(path) if isinstance(node, FUNCTIONS)]
 
 
 def body_of(function: Function) -> list[ast.stmt]:
@@ -306,10 +313,7 @@ def run_on_import(node: ast.AST) -> Iterator[ast.AST]:
     for child in ast.iter_child_nodes(node):
         if isinstance(child, (*FUNCTIONS, ast.Lambda)):
             continue
-        if isinstance(child, ast.If) and ast.unparse(child.test) in {
-            "TYPE_CHECKING",
-            "typing.TYPE_CHECKING",
-        }:
+        if isinstance(child, ast.If) and checks_types(child):
             yield from run_on_import(ast.Module(child.orelse, []))
         else:
             yield child
@@ -346,11 +350,18 @@ def heavy_problems(package: Path) -> list[str]:
     ]
 
 
+def mentions_any(path: Path, libraries: Iterable[str]) -> bool:
+    """Whether the text of a file has the name of one of the libraries: few are worth parsing."""
+    text = path.read_text(encoding="utf-8")
+    return any(library.partition(".")[0] in text for library in libraries)
+
+
 def collection_problems(tests: Path) -> list[str]:
     """Imports that are run when tests are collected, of what the extra `test` does not install."""
     return [
         f"{path}:{node.lineno}: {library} is imported with the tests; import it in the test that needs it"
         for path in sorted(tests.rglob("*.py"))
+        if mentions_any(path, INTEGRATION)
         for node in run_on_import(tree_of(path))
         for library in imports_any(node, INTEGRATION)
     ]
