@@ -21,6 +21,12 @@ from ..mechanisms.motors import is_joint_motion
 from ..mechanisms.terms import Mechanism
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
+from .changing_ripples import (
+    generate_loaded_ripples,
+    generate_turning_ripples,
+    list_loaded_ripples,
+    list_turning_ripples,
+)
 from .changing_shapes import generate_changing
 from .confounded_covariates import generate_confounded
 from .covariate_shapes import (
@@ -77,6 +83,8 @@ SIMPLE = {
     generate_powers: CandidateKind.POWER,
     generate_waves_together: CandidateKind.WAVE,
     generate_distortions: CandidateKind.DISTORTION,
+    generate_loaded_ripples: CandidateKind.RIPPLE,
+    generate_turning_ripples: CandidateKind.RIPPLE,
 }
 # kinds of waves, whose number may lie between those that are looked for
 OF_ANY_NUMBER = (CandidateKind.JOINT_WAVE, CandidateKind.SLIDE_WAVE, CandidateKind.TIME_WAVE)
@@ -155,12 +163,16 @@ def _build_company(
     steps = list_soft_steps(problem, mechanisms)
     known = {*mechanisms, *(shape for shape, _ in shapes)}
     springs = [m for m in list_springs(problem, place, mechanisms) if m not in known]
-    if not shapes and not steps and not springs:
+    ripples = list_turning_ripples(mechanisms)
+    rippling = list_loaded_ripples(problem, mechanisms)
+    if not any((shapes, steps, springs, ripples, rippling)):
         return None
     odds = UNLISTED_ODDS * max(effects[g].prior for g in members)
     weighed = [Candidate(m, kind, odds / len(shapes)) for m, kind in shapes]
     soft = [Candidate(m, CandidateKind.SHAPE, DISTINCT * odds / len(steps)) for m in steps]
+    soft += [Candidate(m, CandidateKind.RIPPLE, odds / len(ripples)) for m in ripples]
     loaded = [Candidate(m, CandidateKind.SHAPE, odds) for m in springs]
+    loaded += [Candidate(m, CandidateKind.RIPPLE, odds) for m in rippling]
     listed = build_listed([effects[g] for g in members])
     if f"torque{place[0]}" in drivers:
         return Company(members, listed, (*weighed, *soft, *loaded))
