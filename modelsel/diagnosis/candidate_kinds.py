@@ -35,6 +35,7 @@ class CandidateKind(Enum):
     DISTORTION = "smooth error of what an instrument measures"
     HYSTERESIS = "hysteresis of a joint that builds up over some way after each reversal"
     RIPPLE = "ripple of a joint in proportion to its torque or to where it stands"
+    STEPPED_WAVE = "wave of a joint that is another one from some moment of the campaign on"
     SHAPE = "shape that no list has, at the place of a finding or beside it"
 
 
@@ -57,4 +58,5 @@ NAMED_IN_WORDS = (
     CandidateKind.PRODUCT,
     CandidateKind.FALL,
     CandidateKind.RIPPLE,
+    CandidateKind.STEPPED_WAVE,
 )

@@ -31,6 +31,7 @@ from .sentences import has_contrary_signs
 from .sign_constraints import find_contrary_terms
 from .signatures import LEVELS
 from .state import Search
+from .stepped_waves import join_waves
 from .sure_drivers import sum_by_driver
 from .told_first import find_agreed, find_constant, sum_constants
 from .torque_functions import list_together
@@ -88,7 +89,9 @@ def weigh_claims(search: Search, view: View, chosen: Sequence[int]) -> Weighed:
         drivers[g] = {name: share * p for name, p in drivers[g].items()}
     for g, share in weigh_families(search, chosen, view, one_place=True).items():
         levels[g] = np.where(SHAPED, levels[g] * share, levels[g])
-    better[:0] = list_together(search, view, chosen)
+    effects = {g: search.candidates[g] for g in chosen}
+    joined = join_waves(search.problem, effects)
+    better[:0] = [*joined, *list_together(search, view, chosen)]
     for group in company:
         shares, shape = weigh_together(search, group, contenders)
         for g in group.members:

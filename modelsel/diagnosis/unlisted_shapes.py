@@ -63,6 +63,7 @@ from .soft_shapes import (
     list_soft_steps,
     list_springs,
 )
+from .stepped_waves import generate_other_moments, generate_stepped_waves, generate_waves_in_time
 from .time_waves import generate_finer_time_waves
 from .tool_falls import generate_falls
 from .torque_powers import generate_powers
@@ -85,6 +86,12 @@ SIMPLE = {
     generate_distortions: CandidateKind.DISTORTION,
     generate_loaded_ripples: CandidateKind.RIPPLE,
     generate_turning_ripples: CandidateKind.RIPPLE,
+}
+# kinds with a constant that the data tell better than it is looked for, and what such shapes agree in
+FINER = {
+    CandidateKind.BUMP: (generate_finer_bumps, "drivers"),
+    CandidateKind.HYSTERESIS: (generate_other_widths, "shape"),
+    CandidateKind.STEPPED_WAVE: (generate_other_moments, "shape"),
 }
 # kinds of waves, whose number may lie between those that are looked for
 OF_ANY_NUMBER = (CandidateKind.JOINT_WAVE, CandidateKind.SLIDE_WAVE, CandidateKind.TIME_WAVE)
@@ -165,12 +172,14 @@ def _build_company(
     springs = [m for m in list_springs(problem, place, mechanisms) if m not in known]
     ripples = list_turning_ripples(mechanisms)
     rippling = list_loaded_ripples(problem, mechanisms)
-    if not any((shapes, steps, springs, ripples, rippling)):
+    stepped = list(generate_waves_in_time(problem, place, mechanisms))
+    if not any((shapes, steps, springs, ripples, rippling, stepped)):
         return None
     odds = UNLISTED_ODDS * max(effects[g].prior for g in members)
     weighed = [Candidate(m, kind, odds / len(shapes)) for m, kind in shapes]
     soft = [Candidate(m, CandidateKind.SHAPE, DISTINCT * odds / len(steps)) for m in steps]
     soft += [Candidate(m, CandidateKind.RIPPLE, odds / len(ripples)) for m in ripples]
+    soft += [Candidate(m, CandidateKind.STEPPED_WAVE, odds / len(stepped)) for m in stepped]
     loaded = [Candidate(m, CandidateKind.SHAPE, odds) for m in springs]
     loaded += [Candidate(m, CandidateKind.RIPPLE, odds) for m in rippling]
     listed = build_listed([effects[g] for g in members])
@@ -235,19 +244,19 @@ def list_rivals(problem: Problem, candidate: Candidate, price: Price | None = No
     own = candidate.mechanism
     more = list(generate_more_drivers(problem, own))
     changing = list(generate_changing(problem, own))
+    stepped = list(generate_stepped_waves(problem, own))
     by_covariates = list(generate_by_covariates(problem, own))
     return [
         *_list_alike(problem, candidate, alike),
         *_list_falls(problem, candidate, most),
         *_list_finer_waves(problem, candidate),
-        *_list_finer_bumps(problem, candidate),
-        *_list_finer_warm_ups(problem, candidate),
-        *_list_other_widths(problem, candidate),
+        *_list_finer(problem, candidate),
         *_list_elsewhere(problem, candidate, price.cell, share),
         *_weigh(more, "place", MORE_DRIVERS * alike),
         # with this very constant
         *_weigh(changing, "place", CHANGING * candidate.prior),
         *_weigh(by_covariates, "place", CHANGING * candidate.prior),
+        *_weigh(stepped, "place", CHANGING * most, CandidateKind.STEPPED_WAVE),
         *_list_instead_of_time(problem, candidate, price.finding),
         *confounded,
     ]
@@ -358,31 +367,18 @@ def _list_finer_waves(problem: Problem, candidate: Candidate) -> Iterator[Rival]
     yield from _weigh(waves, agrees, prior, kind)
 
 
-def _list_finer_warm_ups(problem: Problem, candidate: Candidate) -> Iterator[Rival]:
-    """List warm-ups with about the time constant of a found one: the same shape."""
+def _list_finer(problem: Problem, candidate: Candidate) -> Iterator[Rival]:
+    """List what differs from a finding in its constant alone, and not much in that: the same shape, but
+    for bumps, of which few readings leave their height, width and shape one question."""
+    kind = candidate.kind
     own = candidate.mechanism
-    finer = list(generate_finer_warm_ups(problem, own))
     prior = candidate.prior
-    kind = candidate.kind
-    yield from _weigh(finer, "shape", prior, kind)
-
-
-def _list_finer_bumps(problem: Problem, candidate: Candidate) -> Iterator[Rival]:
-    """List bumps near a found one. Of few readings there, their height, width and shape are one question."""
-    kind = candidate.kind
-    own = candidate.mechanism
-    if kind is CandidateKind.BUMP:
-        finer = list(generate_finer_bumps(problem, own))
-        yield from _weigh(finer, "drivers", candidate.prior, kind)
-
-
-def _list_other_widths(problem: Problem, candidate: Candidate) -> Iterator[Rival]:
-    """List hysteresis like what was found that builds up over another way: the same shape."""
-    kind = candidate.kind
-    own = candidate.mechanism
-    if kind is CandidateKind.HYSTERESIS:
-        others = list(generate_other_widths(problem, own))
-        yield from _weigh(others, "shape", candidate.prior, kind)
+    warm_ups = list(generate_finer_warm_ups(problem, own))
+    yield from _weigh(warm_ups, "shape", prior, kind)
+    if kind in FINER:
+        generate, agrees = FINER[kind]
+        finer = list(generate(problem, own))
+        yield from _weigh(finer, agrees, prior, kind)
 
 
 def _weigh(
