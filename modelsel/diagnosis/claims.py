@@ -21,6 +21,7 @@ from ..mechanisms.motors import is_joint_motion
 from ..mechanisms.terms import Mechanism
 from .candidates import Candidate
 from .common_steps import generate_common_steps
+from .company import Company, list_company
 from .contenders import Contenders, gather_contenders
 from .distinct_places import Place, find_alike
 from .effects import Claim, find_level
@@ -35,7 +36,7 @@ from .stepped_waves import join_waves
 from .sure_drivers import sum_by_driver
 from .told_first import find_agreed, find_constant, sum_constants
 from .torque_functions import list_together
-from .unlisted_shapes import Company, Price, Rival, list_company, list_rivals
+from .unlisted_shapes import Price, Rival, list_rivals
 from .views import View
 from .wave_aliases import list_aliases, weigh_aliases
 

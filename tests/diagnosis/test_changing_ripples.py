@@ -11,9 +11,10 @@ from hidden_arm import measured as measure
 
 from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate
+from modelsel.diagnosis.company import list_company
 from modelsel.diagnosis.effects import Effect
 from modelsel.diagnosis.procedure import diagnose
-from modelsel.diagnosis.unlisted_shapes import list_company, list_rivals
+from modelsel.diagnosis.unlisted_shapes import list_rivals
 from modelsel.diagnosis.unregistered import build_wave
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements

@@ -28,6 +28,7 @@ from modelsel.diagnosis.claim_sentences import (
     name_places,
 )
 from modelsel.diagnosis.claims import build_claim, weigh_own_functions
+from modelsel.diagnosis.company import list_company
 from modelsel.diagnosis.credible_sets import CredibleSet, Entry
 from modelsel.diagnosis.effects import Claim, Effect
 from modelsel.diagnosis.mechanism_families import find_families
@@ -41,7 +42,6 @@ from modelsel.diagnosis.unlisted_shapes import (
     MORE_DRIVERS,
     UNLISTED_ODDS,
     Price,
-    list_company,
     list_rivals,
 )
 from modelsel.diagnosis.unregistered import build_wave

@@ -11,6 +11,7 @@ from hidden_arm import measured as measure
 
 from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate
+from modelsel.diagnosis.company import list_company
 from modelsel.diagnosis.outcome import Diagnosis
 from modelsel.diagnosis.procedure import diagnose
 from modelsel.diagnosis.step_sides import find_open_sides
@@ -19,7 +20,7 @@ from modelsel.diagnosis.stepped_waves import (
     generate_stepped_waves,
     join_waves,
 )
-from modelsel.diagnosis.unlisted_shapes import list_company, list_rivals
+from modelsel.diagnosis.unlisted_shapes import list_rivals
 from modelsel.diagnosis.unregistered import build_cell
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
