@@ -36,6 +36,7 @@ class CandidateKind(Enum):
     HYSTERESIS = "hysteresis of a joint that builds up over some way after each reversal"
     RIPPLE = "ripple of a joint in proportion to its torque or to where it stands"
     STEPPED_WAVE = "wave of a joint that is another one from some moment of the campaign on"
+    UNEVEN_BASE = "base that tilts with its load, more towards some sides than towards others"
     SHAPE = "shape that no list has, at the place of a finding or beside it"
 
 
@@ -59,4 +60,5 @@ NAMED_IN_WORDS = (
     CandidateKind.FALL,
     CandidateKind.RIPPLE,
     CandidateKind.STEPPED_WAVE,
+    CandidateKind.UNEVEN_BASE,
 )

@@ -3,7 +3,7 @@ approximate."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -23,6 +23,7 @@ from .pair_waves import generate_waves_of
 from .soft_shapes import DISTINCT, list_soft_steps, list_springs
 from .stepped_waves import generate_waves_in_time
 from .torque_powers import generate_powers
+from .uneven_bases import depends_on_load, generate_uneven_bases
 from .unlisted_shapes import UNLISTED_ODDS
 
 # prior probability of a further listed finding at a place, where one is
@@ -46,7 +47,8 @@ class Company:
 
 
 def list_company(problem: Problem, effects: Mapping[int, Candidate]) -> list[Company]:
-    """List the findings that share a place: every two, and all of a place together.
+    """List the findings that share a place: every two, and all of a place together; and those that an
+    uneven base may stand for.
 
     Functions of one joint's own angle are left to `joint_curves`, but for waves: two of them may be
     one of a number between."""
@@ -62,7 +64,26 @@ def list_company(problem: Problem, effects: Mapping[int, Candidate]) -> list[Com
             if len(group) > 1:
                 groups.setdefault(group, place)
     company = [_build_company(problem, effects, group, place) for group, place in groups.items()]
-    return [one for one in company if one is not None]
+    uneven = _generate_on_uneven(problem, effects)
+    return [*(one for one in company if one is not None), *uneven]
+
+
+def _generate_on_uneven(problem: Problem, effects: Mapping[int, Candidate]) -> Iterator[Company]:
+    """Generate the findings, of any places, that one tilt of an uneven base may stand for: every two, all
+    but one, and all."""
+    members = [g for g, one in effects.items() if depends_on_load(one.mechanism)]
+    count = len(members)
+    sizes = {2, count - 1, count} - {0, 1}
+    groups = [group for size in sorted(sizes) for group in combinations(members, size)]
+    tilts = list(generate_uneven_bases(problem)) if groups else []
+    kind = CandidateKind.UNEVEN_BASE
+    for group in groups if tilts else ():
+        own = [effects[g] for g in group]
+        if any(one.kind is kind for one in own):
+            continue
+        prior = UNLISTED_ODDS * max(one.prior for one in own) / len(tilts)
+        others = [Candidate(tilt, kind, prior) for tilt in tilts]
+        yield Company(group, build_listed(own), (), tuple(others))
 
 
 def _build_company(

@@ -48,6 +48,7 @@ from .stepped_waves import generate_other_moments, generate_stepped_waves
 from .time_waves import generate_finer_time_waves
 from .tool_falls import generate_falls
 from .torque_powers import generate_powers
+from .uneven_bases import generate_uneven_beside
 from .unregistered import RARE_WEIGHT
 from .warm_ups import generate_finer_warm_ups
 
@@ -189,6 +190,9 @@ def _list_elsewhere(
         yield from _weigh(mechanisms, "place", odds)
     for mechanisms in generate_other_places(problem, own):
         yield from _weigh(mechanisms, "", share * odds)
+    agrees = "place" if candidate.kind is CandidateKind.UNEVEN_BASE else ""
+    tilts = list(generate_uneven_beside(problem, own))
+    yield from _weigh(tilts, agrees, odds, CandidateKind.UNEVEN_BASE)
 
 
 def _list_instead_of_time(problem: Problem, candidate: Candidate, prior: float) -> Iterator[Rival]:
