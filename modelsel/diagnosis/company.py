@@ -73,8 +73,8 @@ def _generate_on_uneven(problem: Problem, effects: Mapping[int, Candidate]) -> I
     but one, and all."""
     members = [g for g, one in effects.items() if depends_on_load(one.mechanism)]
     count = len(members)
-    sizes = {2, count - 1, count} - {0, 1}
-    groups = [group for size in sorted(sizes) for group in combinations(members, size)]
+    sizes = sorted({size for size in (2, count - 1, count) if 1 < size <= count})
+    groups = [group for size in sizes for group in combinations(members, size)]
     tilts = list(generate_uneven_bases(problem)) if groups else []
     kind = CandidateKind.UNEVEN_BASE
     for group in groups if tilts else ():

@@ -76,6 +76,7 @@ def test_what_depends_on_the_load_of_the_base_is_weighed_against_it(rng: Rng) ->
     (together,) = list_company(at, {2: base, 5: waves, 7: other})
     assert together.members == (2, 5)
     assert {one.mechanism for one in together.others} == tilts
+    assert list_company(at, {7: other}) == []
     # uneven bases stand against each other, at their place
     own, *_ = together.others
     beside = [r for r in list_rivals(at, own) if r.candidate.kind is KIND]
