@@ -34,6 +34,9 @@ class CandidateKind(Enum):
     TARGET_SHIFT = "shift of the target in any direction with a column of the data"
     DISTORTION = "smooth error of what an instrument measures"
     HYSTERESIS = "hysteresis of a joint that builds up over some way after each reversal"
+    RIPPLE = "ripple of a joint in proportion to its torque or to where it stands"
+    STEPPED_WAVE = "wave of a joint that is another one from some moment of the campaign on"
+    UNEVEN_BASE = "base that tilts with its load, more towards some sides than towards others"
     SHAPE = "shape that no list has, at the place of a finding or beside it"
 
 
@@ -55,4 +58,7 @@ NAMED_IN_WORDS = (
     CandidateKind.WOUND,
     CandidateKind.PRODUCT,
     CandidateKind.FALL,
+    CandidateKind.RIPPLE,
+    CandidateKind.STEPPED_WAVE,
+    CandidateKind.UNEVEN_BASE,
 )

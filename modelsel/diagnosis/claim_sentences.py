@@ -268,18 +268,44 @@ def _list_entries(effect: Effect) -> str:
         word = f"{name} ({written})"
         words.append(word)
     if left > MOST:
-        written = format_probability(left)
-        words.append(f"{_name_rest(effect)} ({written})")
+        words += _list_rest(effect, left)
     return choice_list(words)
 
 
-def _name_rest(effect: Effect) -> str:
-    """Name what an effect is where it is none of the names that are listed."""
+def _list_rest(effect: Effect, left: float) -> list[str]:
+    """List what an effect is where it is none of the names that are listed, with its probability: what
+    the place holds beyond them is no chance."""
     claim = effect.claim
-    if claim is None or claim.probability < PROVEN:
-        # several effects together, or none
-        return "something else, or chance"
-    return REST[claim.level]
+    if claim is not None and claim.probability >= PROVEN:
+        written = format_probability(left)
+        return [f"{REST[claim.level]} ({written})"]
+    there = min(_find_rest_of_place(effect), left)
+    words = []
+    if round(there, 2):
+        written = format_probability(there)
+        words.append(f"something else at the place of the first ({written})")
+    # several effects together, or none
+    elsewhere = left - there
+    if round(elsewhere, 2):
+        written = format_probability(elsewhere)
+        words.append(f"something else, or chance ({written})")
+    return words
+
+
+def _find_rest_of_place(effect: Effect) -> float:
+    """Find what the probability of an effect's place holds beyond the listed names that have it."""
+    if effect.claim is None:
+        return 0.0
+    own = effect.candidate.mechanism.names_by_place().keys()
+    listed = list(effect.named.sum_by_label())[:NAMED_RIVALS]
+    scale = weigh_listed(effect)
+    there = 0.0
+    for entry in effect.named.entries:
+        places = entry.candidate.mechanism.names_by_place().keys()
+        if places == own and entry.candidate.label in listed:
+            there += scale * entry.probability
+    place = effect.claim.levels[0]
+    return max(place - there, 0.0)
 
 
 def tell_rest(effect: Effect, labels: Sequence[str]) -> list[str]:

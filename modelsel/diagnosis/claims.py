@@ -21,6 +21,7 @@ from ..mechanisms.motors import is_joint_motion
 from ..mechanisms.terms import Mechanism
 from .candidates import Candidate
 from .common_steps import generate_common_steps
+from .company import Company, list_company
 from .contenders import Contenders, gather_contenders
 from .distinct_places import Place, find_alike
 from .effects import Claim, find_level
@@ -31,10 +32,11 @@ from .sentences import has_contrary_signs
 from .sign_constraints import find_contrary_terms
 from .signatures import LEVELS
 from .state import Search
+from .stepped_waves import join_waves
 from .sure_drivers import sum_by_driver
 from .told_first import find_agreed, find_constant, sum_constants
 from .torque_functions import list_together
-from .unlisted_shapes import Company, Price, Rival, list_company, list_rivals
+from .unlisted_shapes import Price, Rival, list_rivals
 from .views import View
 from .wave_aliases import list_aliases, weigh_aliases
 
@@ -88,7 +90,9 @@ def weigh_claims(search: Search, view: View, chosen: Sequence[int]) -> Weighed:
         drivers[g] = {name: share * p for name, p in drivers[g].items()}
     for g, share in weigh_families(search, chosen, view, one_place=True).items():
         levels[g] = np.where(SHAPED, levels[g] * share, levels[g])
-    better[:0] = list_together(search, view, chosen)
+    effects = {g: search.candidates[g] for g in chosen}
+    joined = join_waves(search.problem, effects)
+    better[:0] = [*joined, *list_together(search, view, chosen)]
     for group in company:
         shares, shape = weigh_together(search, group, contenders)
         for g in group.members:

@@ -14,10 +14,11 @@ from .._typing import Array
 from ..mechanisms.terms import Mechanism
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
+from .company import Company, build_listed
 from .distinct_places import Place
 from .driver_functions import IN_TIME
 from .state import Search
-from .unlisted_shapes import UNLISTED_ODDS, Company, build_listed
+from .unlisted_shapes import UNLISTED_ODDS
 from .views import View
 from .warm_ups import find_time_constant, fit_warm_up
 

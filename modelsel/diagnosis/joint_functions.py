@@ -15,10 +15,11 @@ from ..mechanisms.motors import joint_axis
 from ..mechanisms.terms import Mechanism
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate, find_cell_prior
+from .company import FURTHER
 from .driver_functions import list_varying
 from .free_functions import build_function, build_surface, has_shape, name_time
 from .joint_drags import generate_drags
-from .unlisted_shapes import FURTHER, UNLISTED_ODDS
+from .unlisted_shapes import UNLISTED_ODDS
 
 # knot intervals over the range of one driver alone
 FINENESS = (6, 12)

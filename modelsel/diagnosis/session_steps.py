@@ -157,7 +157,7 @@ def build_step_of(problem: Problem, targets: Collection[int], at: float) -> Mech
     meetings = _list_meetings(data)
     step = _build_target_step(moved, numbers, robot, at)
     begins = _say_begin(meetings, at, own.progress, about=True)
-    begins = begins or _say_row(own, at)
+    begins = begins or say_row(own, at)
     if not begins:
         return None
     return _tell(step, begins)
@@ -229,7 +229,7 @@ def _limit_step(
     return build_step_of(problem, spans, at)
 
 
-def _say_row(data: Measurements, at: float) -> str:
+def say_row(data: Measurements, at: float) -> str:
     """Say with about which row of some a step begins; nothing where all are on one side of it."""
     after = np.flatnonzero(data.progress > at)
     if not 0 < len(after) < len(data):
@@ -248,7 +248,7 @@ def _tell_rows(problem: Problem, step: _Step, mechanisms: Sequence[Mechanism]) -
     data = problem.data.take(step.rows)
     told = {}
     for at in environment.STEPS:
-        begins = _say_row(data, at)
+        begins = say_row(data, at)
         if begins:
             scanned = step.build(problem.robot, at)
             told[scanned] = _tell(scanned, begins)

@@ -46,7 +46,7 @@ SEEN = "the target's place"
 # names of one move that no measurement tells apart: a bump and a step of the tracker
 SAME_MOVE = {FaultKind.TRACKER_BUMPED.label: "tracker-step"}
 # kinds of one shape, whatever its constant: the reading at which it sets in, the number of slow waves,
-# the way over which hysteresis builds up
+# the way over which hysteresis builds up, the moment at which a wave changes
 OF_ONE_SHAPE = (
     CandidateKind.JUMP,
     CandidateKind.RAMP,
@@ -55,6 +55,7 @@ OF_ONE_SHAPE = (
     CandidateKind.TIME_WAVE,
     CandidateKind.HYSTERESIS,
     CandidateKind.FALL,
+    CandidateKind.STEPPED_WAVE,
 )
 
 

@@ -19,13 +19,14 @@ from ..mechanisms.step_moments import list_step_moments
 from ..mechanisms.terms import Mechanism
 from .effects import Effect
 from .session_steps import name_steps
+from .stepped_waves import find_stepped_joint
 
 
 @dataclass(frozen=True, eq=False)
 class OpenSide:
     """The held-out `rows` (m,) whose side of a step is not known.
 
-    `step`: the step's name; `before`, `after`: the indices of the estimation rows around it, between
+    `step`: the step's name, or of which waves it is; `before`, `after`: the indices of the estimation rows around it, between
     which they lie; or else they are of the `target` (0-based) of which no estimation row tells whether it
     moved, and `later`, or not, than that."""
 
@@ -50,14 +51,16 @@ def find_open_sides(
     found = []
     for mechanism in mechanisms:
         is_of_targets = mechanism.stem == TARGET_STEP
-        if mechanism.name not in steps and not is_of_targets:
+        joint = find_stepped_joint(mechanism)
+        if mechanism.name not in steps and not is_of_targets and not joint:
             continue
         moments = _list_moments(mechanism, effects)
         moved = _find_moved(problem, mechanism)
         around = _find_around(problem, used & moved, moments)
         if around is None:
             continue
-        sides = [_find_between(problem, moved, mechanism.name, around)]
+        name = f"of joint {joint}'s waves" if joint else mechanism.name
+        sides = [_find_between(problem, moved, name, around)]
         if is_of_targets:
             sides += _find_untold(problem, used, moved, mechanism.name, around)
         for side in sides:

@@ -15,10 +15,10 @@ from ..mechanisms.motors import is_joint_motion
 from ..mechanisms.terms import Mechanism, Term
 from ..robot.kinematics import Robot
 from .candidates import Candidate
+from .company import build_listed
 from .effects import Effect
 from .sentences import has_contrary_signs
 from .state import Search
-from .unlisted_shapes import build_listed
 from .views import View
 
 # share by which a joint yields more or less per torque at its largest torque than at smaller ones, from

@@ -10,17 +10,16 @@ constants near its own, which are one question with it; to a covariate what else
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 from typing import NamedTuple
 
 from ..fitting.problem import Problem
 from ..measurements.state_names import is_where_target_is
-from ..mechanisms.motors import is_joint_motion
 from ..mechanisms.terms import Mechanism
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
+from .changing_ripples import generate_loaded_ripples, generate_turning_ripples
 from .changing_shapes import generate_changing
 from .confounded_covariates import generate_confounded
 from .covariate_shapes import (
@@ -28,9 +27,8 @@ from .covariate_shapes import (
     generate_instead_of_time,
     generate_wave_products,
 )
-from .distinct_places import Place
 from .driver_functions import IN_TIME
-from .field_distortions import generate_distortions, is_seen_wrongly
+from .field_distortions import generate_distortions
 from .finer_waves import generate_finer_waves
 from .free_functions import (
     Drivers,
@@ -40,26 +38,17 @@ from .free_functions import (
     generate_shapes,
 )
 from .joint_bumps import generate_bumps, generate_finer_bumps
-from .joint_drags import (
-    generate_drags_instead,
-    generate_drags_together,
-    generate_other_widths,
-    is_own_hysteresis,
-)
+from .joint_drags import generate_drags_instead, generate_other_widths
 from .late_temperatures import is_late
-from .pair_waves import generate_waves_of, generate_waves_together
+from .pair_waves import generate_waves_together
 from .signatures import leave_out_sides
 from .simple_shapes import generate_products, generate_pulls, generate_saws, generate_soft_lags
-from .soft_shapes import (
-    DISTINCT,
-    generate_soft_springs,
-    generate_soft_steps,
-    list_soft_steps,
-    list_springs,
-)
+from .soft_shapes import DISTINCT, generate_soft_springs, generate_soft_steps
+from .stepped_waves import generate_other_moments, generate_stepped_waves
 from .time_waves import generate_finer_time_waves
 from .tool_falls import generate_falls
 from .torque_powers import generate_powers
+from .uneven_bases import generate_uneven_beside
 from .unregistered import RARE_WEIGHT
 from .warm_ups import generate_finer_warm_ups
 
@@ -77,11 +66,17 @@ SIMPLE = {
     generate_powers: CandidateKind.POWER,
     generate_waves_together: CandidateKind.WAVE,
     generate_distortions: CandidateKind.DISTORTION,
+    generate_loaded_ripples: CandidateKind.RIPPLE,
+    generate_turning_ripples: CandidateKind.RIPPLE,
+}
+# kinds with a constant that the data tell better than it is looked for, and what such shapes agree in
+FINER = {
+    CandidateKind.BUMP: (generate_finer_bumps, "drivers"),
+    CandidateKind.HYSTERESIS: (generate_other_widths, "shape"),
+    CandidateKind.STEPPED_WAVE: (generate_other_moments, "shape"),
 }
 # kinds of waves, whose number may lie between those that are looked for
 OF_ANY_NUMBER = (CandidateKind.JOINT_WAVE, CandidateKind.SLIDE_WAVE, CandidateKind.TIME_WAVE)
-# prior probability of a further listed finding at a place, where one is
-FURTHER = 0.1
 # prior probability of a finding whose shape changes with some further driver over that of the finding
 MORE_DRIVERS = 0.1
 # prior probability of all unlisted shapes of some drivers at a place over that of the listed ones
@@ -99,102 +94,6 @@ class Rival:
     candidate: Candidate
     agrees: str
     stands_for: Drivers | None = None
-
-
-@dataclass(frozen=True)
-class Company:
-    """Findings of one place: their numbers, all of them as one candidate, and shapes of their
-    drivers that no list has; `others`: shapes of another driver, which these depend on."""
-
-    members: tuple[int, ...]
-    listed: Candidate
-    shapes: tuple[Candidate, ...]
-    others: tuple[Candidate, ...] = ()
-
-    @property
-    def every(self) -> tuple[Candidate, ...]:
-        """All explanations, what is listed first."""
-        return (self.listed, *self.shapes, *self.others)
-
-
-def list_company(problem: Problem, effects: Mapping[int, Candidate]) -> list[Company]:
-    """List the findings that share a place: every two, and all of a place together.
-
-    Functions of one joint's own angle are left to `joint_curves`, but for waves: two of them may be
-    one of a number between."""
-    by_place: dict[Place, list[int]] = {}
-    for g, candidate in effects.items():
-        if candidate.asked:
-            return []
-        for place in candidate.mechanism.names_by_place():
-            by_place.setdefault(place, []).append(g)
-    groups: dict[tuple[int, ...], Place] = {}
-    for place, members in by_place.items():
-        for group in (*combinations(members, 2), tuple(members)):
-            if len(group) > 1:
-                groups.setdefault(group, place)
-    company = [_build_company(problem, effects, group, place) for group, place in groups.items()]
-    return [one for one in company if one is not None]
-
-
-def _build_company(
-    problem: Problem, effects: Mapping[int, Candidate], members: tuple[int, ...], place: Place
-) -> Company | None:
-    mechanisms = [effects[g].mechanism for g in members]
-    drivers = frozenset[str]().union(*(mechanism.names() for mechanism in mechanisms))
-    if drivers == {f"q{place[0]}"} and is_joint_motion(problem.robot, place):
-        kind = CandidateKind.JOINT_WAVE if place[1] == "rz" else CandidateKind.SLIDE_WAVE
-        waves = [wave for m in mechanisms for wave in generate_finer_waves(problem, m)]
-        shapes = [(wave, kind) for wave in dict.fromkeys(waves)]
-    elif all(map(is_seen_wrongly, mechanisms)):
-        fields = generate_distortions(problem, mechanisms[0])
-        others = [field for field in fields if field not in mechanisms]
-        shapes = [(field, CandidateKind.DISTORTION) for field in others]
-    else:
-        shapes = _list_shapes(problem, mechanisms, place, drivers)
-    steps = list_soft_steps(problem, mechanisms)
-    known = {*mechanisms, *(shape for shape, _ in shapes)}
-    springs = [m for m in list_springs(problem, place, mechanisms) if m not in known]
-    if not shapes and not steps and not springs:
-        return None
-    odds = UNLISTED_ODDS * max(effects[g].prior for g in members)
-    weighed = [Candidate(m, kind, odds / len(shapes)) for m, kind in shapes]
-    soft = [Candidate(m, CandidateKind.SHAPE, DISTINCT * odds / len(steps)) for m in steps]
-    loaded = [Candidate(m, CandidateKind.SHAPE, odds) for m in springs]
-    listed = build_listed([effects[g] for g in members])
-    if f"torque{place[0]}" in drivers:
-        return Company(members, listed, (*weighed, *soft, *loaded))
-    return Company(members, listed, (*weighed, *soft), tuple(loaded))
-
-
-def build_listed(effects: Sequence[Candidate]) -> Candidate:
-    """Build all of several findings as one candidate."""
-    mechanisms = [effect.mechanism for effect in effects]
-    terms = {term.key: term for mechanism in mechanisms for term in mechanism.terms}
-    name = " & ".join(mechanism.name for mechanism in mechanisms)
-    prior = max(effect.prior for effect in effects)
-    further = FURTHER ** (len(effects) - 1)
-    together = Mechanism(name, tuple(terms.values()))
-    return Candidate(together, CandidateKind.SHAPE, prior * further)
-
-
-def _list_shapes(
-    problem: Problem, mechanisms: Sequence[Mechanism], place: Place, drivers: Drivers
-) -> list[tuple[Mechanism, CandidateKind]]:
-    """List shapes of the drivers of several findings at one place; none where one of these is such."""
-    free = list(generate_shapes(problem, {place: drivers}))
-    if any(m in free for m in mechanisms):
-        return []
-    powers = dict.fromkeys(power for m in mechanisms for power in generate_powers(problem, m))
-    changing = [one for m in mechanisms for one in generate_changing(problem, m)]
-    free += [one for one in changing if one.names() == drivers]
-    waves = generate_waves_of(problem, place, drivers)
-    is_own = is_own_hysteresis(problem, place, drivers)
-    drags = dict.fromkeys(generate_drags_together(problem, place[0], mechanisms) if is_own else ())
-    shapes = [(m, CandidateKind.SHAPE) for m in free]
-    shapes += [(m, CandidateKind.POWER) for m in powers if m not in mechanisms]
-    shapes += [(m, CandidateKind.HYSTERESIS) for m in drags if m not in mechanisms]
-    return shapes + [(m, CandidateKind.WAVE) for m in waves if m not in mechanisms]
 
 
 class Price(NamedTuple):
@@ -223,19 +122,19 @@ def list_rivals(problem: Problem, candidate: Candidate, price: Price | None = No
     own = candidate.mechanism
     more = list(generate_more_drivers(problem, own))
     changing = list(generate_changing(problem, own))
+    stepped = list(generate_stepped_waves(problem, own))
     by_covariates = list(generate_by_covariates(problem, own))
     return [
         *_list_alike(problem, candidate, alike),
         *_list_falls(problem, candidate, most),
         *_list_finer_waves(problem, candidate),
-        *_list_finer_bumps(problem, candidate),
-        *_list_finer_warm_ups(problem, candidate),
-        *_list_other_widths(problem, candidate),
+        *_list_finer(problem, candidate),
         *_list_elsewhere(problem, candidate, price.cell, share),
         *_weigh(more, "place", MORE_DRIVERS * alike),
         # with this very constant
         *_weigh(changing, "place", CHANGING * candidate.prior),
         *_weigh(by_covariates, "place", CHANGING * candidate.prior),
+        *_weigh(stepped, "place", CHANGING * most, CandidateKind.STEPPED_WAVE),
         *_list_instead_of_time(problem, candidate, price.finding),
         *confounded,
     ]
@@ -291,6 +190,9 @@ def _list_elsewhere(
         yield from _weigh(mechanisms, "place", odds)
     for mechanisms in generate_other_places(problem, own):
         yield from _weigh(mechanisms, "", share * odds)
+    agrees = "place" if candidate.kind is CandidateKind.UNEVEN_BASE else ""
+    tilts = list(generate_uneven_beside(problem, own))
+    yield from _weigh(tilts, agrees, odds, CandidateKind.UNEVEN_BASE)
 
 
 def _list_instead_of_time(problem: Problem, candidate: Candidate, prior: float) -> Iterator[Rival]:
@@ -346,31 +248,18 @@ def _list_finer_waves(problem: Problem, candidate: Candidate) -> Iterator[Rival]
     yield from _weigh(waves, agrees, prior, kind)
 
 
-def _list_finer_warm_ups(problem: Problem, candidate: Candidate) -> Iterator[Rival]:
-    """List warm-ups with about the time constant of a found one: the same shape."""
+def _list_finer(problem: Problem, candidate: Candidate) -> Iterator[Rival]:
+    """List what differs from a finding in its constant alone, and not much in that: the same shape, but
+    for bumps, of which few readings leave their height, width and shape one question."""
+    kind = candidate.kind
     own = candidate.mechanism
-    finer = list(generate_finer_warm_ups(problem, own))
     prior = candidate.prior
-    kind = candidate.kind
-    yield from _weigh(finer, "shape", prior, kind)
-
-
-def _list_finer_bumps(problem: Problem, candidate: Candidate) -> Iterator[Rival]:
-    """List bumps near a found one. Of few readings there, their height, width and shape are one question."""
-    kind = candidate.kind
-    own = candidate.mechanism
-    if kind is CandidateKind.BUMP:
-        finer = list(generate_finer_bumps(problem, own))
-        yield from _weigh(finer, "drivers", candidate.prior, kind)
-
-
-def _list_other_widths(problem: Problem, candidate: Candidate) -> Iterator[Rival]:
-    """List hysteresis like what was found that builds up over another way: the same shape."""
-    kind = candidate.kind
-    own = candidate.mechanism
-    if kind is CandidateKind.HYSTERESIS:
-        others = list(generate_other_widths(problem, own))
-        yield from _weigh(others, "shape", candidate.prior, kind)
+    warm_ups = list(generate_finer_warm_ups(problem, own))
+    yield from _weigh(warm_ups, "shape", prior, kind)
+    if kind in FINER:
+        generate, agrees = FINER[kind]
+        finer = list(generate(problem, own))
+        yield from _weigh(finer, agrees, prior, kind)
 
 
 def _weigh(

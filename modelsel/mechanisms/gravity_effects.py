@@ -150,7 +150,7 @@ def base_screws(robot: Robot, direction: Array, cause: Cause) -> tuple[Screw, ..
     return tuple(screws)
 
 
-def _list_level_axes(robot: Robot) -> list[int]:
+def list_level_axes(robot: Robot) -> list[int]:
     """List the axes 0, 1, 2 of frame 0 about which weight has a moment."""
     gravity = robot.gravity or (0, 0, 0)
     level = []
@@ -160,7 +160,7 @@ def _list_level_axes(robot: Robot) -> list[int]:
     return level
 
 
-def _base_moment(axis: int) -> Cause:
+def base_moment(axis: int) -> Cause:
     """Return the moment of the arm's weight about axis 0, 1, 2 of frame 0."""
     name = NAMES[axis]
     return Named(f"moment_{name}", "N m")
@@ -171,8 +171,8 @@ def base_tilt(robot: Robot) -> Mechanism | None:
     if not loads_base(robot):
         return None
     terms = []
-    for axis in _list_level_axes(robot):
-        moment = _base_moment(axis)
+    for axis in list_level_axes(robot):
+        moment = base_moment(axis)
         screws = base_screws(robot, UNITS[axis], moment)
         symbol = f"k{NAMES[axis]}"
         term = Term(symbol, screws, (1e-8, 1e-4), 1)
@@ -197,13 +197,13 @@ def base_rocking(robot: Robot, degrees: float) -> Mechanism:
     """A base that is not held fast lies on one of two sides about each of two horizontal edges at
     right angles, as the arm's weight tips it; the direction of the edges is scanned, from the first
     horizontal axis of frame 0."""
-    first, second, *_ = _list_level_axes(robot)
+    first, second, *_ = list_level_axes(robot)
     edges = _list_edges_across(degrees)
     terms = []
     for number, (share, other_share) in enumerate(edges, 1):
         direction = share * UNITS[first] + other_share * UNITS[second]
-        one = _base_moment(first)
-        other = _base_moment(second)
+        one = base_moment(first)
+        other = base_moment(second)
         moment = _add_shares(share, one, other_share, other)
         screws = base_screws(robot, direction, sign(moment))
         term = Term(f"r{number}", screws, ROCKING, 1)

@@ -33,12 +33,13 @@ ROUNDING, CLOSE = 1e-8, np.radians(5.0)
 
 
 class OtherGravity(NamedTuple):
-    """A direction (3,) of gravity in the base frame that the compliance of some joints asks for, and the
-    share of the rms that it leaves of what the assumed one does."""
+    """A direction (3,) of gravity in the base frame that the compliance of some joints asks for, the
+    share of the rms that it leaves of what the assumed one does, and how well all of it fits."""
 
     direction: Array
     joints: tuple[int, ...]
     left: float
+    criterion: float
 
 
 class _Softness(NamedTuple):
@@ -54,20 +55,14 @@ def find_other_gravity(problem: Problem, fitted: Fit) -> OtherGravity | None:
     assumed = problem.robot.gravity
     if assumed is None:
         return None
-    count = len(problem)
-    spread = np.linspace(0, count - 1, min(count, MOST_ROWS))
-    some = problem.take(spread.astype(int))
+    some = _take_rows(problem)
     joints = _list_joints(some)
-    terms = [fitted.terms[k] for k in fitted.representatives]
-    columns, residual = compute_design(some, terms, fitted.at())
-    coordinates = residual.size
-    flat = columns.reshape(coordinates, -1)
-    Q, _ = np.linalg.qr(flat)
-    freedom = coordinates - len(terms) - len(joints) - 2
+    Q, left = _leave(some, fitted)
+    coordinates, known = Q.shape
+    numbers = known + len(joints) + 2
+    freedom = coordinates - numbers
     if not joints or freedom < 1:
         return None
-    response = residual.reshape(-1, 1)
-    left = _take_out(Q, response)[:, 0]
     if np.linalg.norm(left) <= measure_rounding(some):
         return None
     wound = np.stack([_take_out(Q, own) for own in _wind(some, joints, fitted)])
@@ -80,7 +75,42 @@ def find_other_gravity(problem: Problem, fitted: Fit) -> OtherGravity | None:
     moved = np.linalg.norm(wound @ direction, axis=1) * after.size
     least = SMALL * moved.max()
     asking = tuple(j for j, own in zip(joints, moved, strict=True) if own > least)
-    return OtherGravity(direction, asking, float(share))
+    criterion = _compute_criterion(after.square, coordinates, numbers)
+    return OtherGravity(direction, asking, float(share), criterion)
+
+
+def fits_better(problem: Problem, fitted: Fit, other: OtherGravity) -> bool:
+    """Whether a fitted model fits at least as well as another direction of gravity does, by Schwarz's
+    criterion: it has its numbers, and the other direction those that it was found with."""
+    some = _take_rows(problem)
+    Q, left = _leave(some, fitted)
+    coordinates, numbers = Q.shape
+    own = _compute_criterion(float(left @ left), coordinates, numbers)
+    return own <= other.criterion
+
+
+def _take_rows(problem: Problem) -> Problem:
+    """Take the rows that are looked at."""
+    count = len(problem)
+    spread = np.linspace(0, count - 1, min(count, MOST_ROWS))
+    return problem.take(spread.astype(int))
+
+
+def _leave(problem: Problem, fitted: Fit) -> tuple[Array, Array]:
+    """Compute a basis (N, k) of what a fitted model moves, and what it leaves (N,)."""
+    terms = [fitted.terms[k] for k in fitted.representatives]
+    columns, residual = compute_design(problem, terms, fitted.at())
+    flat = columns.reshape(residual.size, -1)
+    Q, _ = np.linalg.qr(flat)
+    response = residual.reshape(-1, 1)
+    left = _take_out(Q, response)
+    return Q, left[:, 0]
+
+
+def _compute_criterion(square: float, coordinates: int, numbers: int) -> float:
+    """Compute Schwarz's criterion of what so many numbers leave: smaller is better."""
+    each = max(square, TINY) / coordinates
+    return float(coordinates * np.log(each) + numbers * np.log(coordinates))
 
 
 def _list_joints(problem: Problem) -> tuple[int, ...]:

@@ -17,7 +17,7 @@ from ..mechanisms.terms import Mechanism
 from ..notices import Note
 from ..results.finding_records import Finding
 from ..robot.kinematics import Robot
-from ..setup.other_gravity import find_other_gravity
+from ..setup.other_gravity import OtherGravity, find_other_gravity, fits_better
 
 UPWARDS, ELSEWHERE = "gravity-upwards", "gravity-elsewhere"
 # from the z axis of the measurements' frame, within which gravity is said to point along it
@@ -67,22 +67,18 @@ def note_other_gravity(
     problem: Problem,
     fitted: Fit,
     found: Sequence[Mechanism],
+    explained: Fit,
     notes: Sequence[Note],
     is_stated: bool,
 ) -> list[Note]:
     """Return the warning that joints wind up as if gravity had another direction, beside a fitted base
-    and beside what of the mechanisms that were `found` does not depend on it; nothing where the study
-    states it (`is_stated`), or where the `notes` question it already."""
+    and beside what of the mechanisms that were `found` does not depend on it; nothing where all that was
+    found, fitted (`explained`), is as good an explanation, where the study states the direction
+    (`is_stated`), or where the `notes` question it already."""
     is_questioned = any(note.code == UPWARDS for note in notes)
     if is_stated or is_questioned:
         return []
-    other = find_other_gravity(problem, fitted)
-    beside = [one for one in found if not any(map(needs_gravity, one.names()))]
-    if other is not None and beside:
-        # a joint that turns too far or too little resembles one that winds up
-        model = fitted.model + beside
-        extended = fit_shrunk(problem, model, fitted)
-        other = find_other_gravity(problem, extended)
+    other = _find_unexplained(problem, fitted, found, explained)
     if other is None:
         return []
     direction = write_direction(other.direction)
@@ -97,6 +93,35 @@ def note_other_gravity(
         "there to confirm it. Findings that depend on gravity are wrong otherwise."
     )
     return [Note(ELSEWHERE, sentence)]
+
+
+def _find_unexplained(
+    problem: Problem, fitted: Fit, found: Sequence[Mechanism], explained: Fit
+) -> OtherGravity | None:
+    """Find the other direction of gravity that joints ask for beside a fitted base, and beside what of
+    the registered mechanisms that were `found`, or of all that explains the data, does not depend on
+    it; None where what is `explained` fits better than this does."""
+    if find_other_gravity(problem, fitted) is None:
+        return None
+    # a joint that turns too far or too little resembles one that winds up
+    registered = _list_without_gravity(found)
+    beyond = [one for one in explained.model.mechanisms if one not in fitted.model.mechanisms]
+    every = _list_without_gravity(beyond)
+    for beside in dict.fromkeys((registered, every)):
+        extended = fitted
+        if beside:
+            extended = fit_shrunk(problem, fitted.model + beside, fitted)
+        other = find_other_gravity(problem, extended)
+        if other is None:
+            return None
+        if not fits_better(problem, explained, other):
+            return other
+    return None
+
+
+def _list_without_gravity(found: Sequence[Mechanism]) -> tuple[Mechanism, ...]:
+    """List the mechanisms that do not depend on gravity."""
+    return tuple(one for one in found if not any(map(needs_gravity, one.names())))
 
 
 def doubt_gravity(

@@ -175,7 +175,12 @@ def _analyse_prepared(
     warnings = [
         *notes,
         *note_other_gravity(
-            split.training.as_stated(), steps[0].fit, diagnosis.registered, notes, is_stated
+            split.training.as_stated(),
+            steps[0].fit,
+            diagnosis.registered,
+            steps[-1].fit,
+            notes,
+            is_stated,
         ),
         *untested.note(),
         *collect_diagnosis_notes(study, split, diagnosis, noise_notes, detection_limit.mm),

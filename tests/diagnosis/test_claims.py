@@ -28,6 +28,7 @@ from modelsel.diagnosis.claim_sentences import (
     name_places,
 )
 from modelsel.diagnosis.claims import build_claim, weigh_own_functions
+from modelsel.diagnosis.company import list_company
 from modelsel.diagnosis.credible_sets import CredibleSet, Entry
 from modelsel.diagnosis.effects import Claim, Effect
 from modelsel.diagnosis.mechanism_families import find_families
@@ -41,7 +42,6 @@ from modelsel.diagnosis.unlisted_shapes import (
     MORE_DRIVERS,
     UNLISTED_ODDS,
     Price,
-    list_company,
     list_rivals,
 )
 from modelsel.diagnosis.unregistered import build_wave
@@ -523,10 +523,30 @@ def test_what_is_likelier_than_the_names_is_told_as_something_else() -> None:
     robot = load_robot("puma760")
     uneven = Candidate(mechanism("gear-eccentricity:3", robot), CandidateKind.MECHANISM, 0.01)
     unlikely = describe_proven(effect_of(uneven, 0.57, 0.18, 0.18, 0.18))
+    # what its place holds beyond the name is no chance
     assert (
-        "not proven: gear-eccentricity:3 (0.18) or something else, or chance (0.82) (" in unlikely
+        "not proven: gear-eccentricity:3 (0.18), something else at the place of the first (0.39) or "
+        "something else, or chance (0.43) (" in unlikely
     )
+    nowhere = describe_proven(effect_of(uneven, 0.18, 0.18, 0.18, 0.18))
+    assert "gear-eccentricity:3 (0.18) or something else, or chance (0.82) (" in nowhere
     assert "something else" not in describe_proven(effect_of(uneven, 0.88, 0.87, 0.54, 0.54))
+
+
+def test_what_a_place_holds_is_told_beside_its_names() -> None:
+    """A finding was told with 0.88 for its place, and with 0.86 for something else or chance."""
+    robot = load_robot("puma760")
+    uneven = Candidate(mechanism("gear-eccentricity:3", robot), CandidateKind.MECHANISM, 0.01)
+    other = Candidate(mechanism("axis-wobble:2", robot), CandidateKind.MECHANISM, 0.01)
+    effect = effect_of(uneven, 0.88, 0.13, 0.13, 0.13)
+    first = effect.named.entries[0]
+    second = replace(first, candidate=other, probability=0.01)
+    said = describe_proven(replace(effect, named=replace(effect.named, entries=(first, second))))
+    assert (
+        "gear-eccentricity:3 (0.13), axis-wobble:2 (0.01), something else at the place of the first "
+        "(0.75) or something else, or chance (0.11) (" in said
+    )
+    assert "probability 0.88 for the place" in said
 
 
 def test_names_that_move_alike_are_together_as_probable_as_the_name_is_told() -> None:

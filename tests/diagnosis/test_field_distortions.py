@@ -16,8 +16,9 @@ from searches import search_separated
 from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate, build_candidates
 from modelsel.diagnosis.claim_sentences import describe_what
+from modelsel.diagnosis.company import list_company
 from modelsel.diagnosis.field_distortions import generate_distortions
-from modelsel.diagnosis.unlisted_shapes import list_company, list_rivals
+from modelsel.diagnosis.unlisted_shapes import list_rivals
 from modelsel.fitting.design import Model
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements

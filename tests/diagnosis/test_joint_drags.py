@@ -11,6 +11,7 @@ from searches import search_separated
 from modelsel._typing import Array
 from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.company import list_company
 from modelsel.diagnosis.joint_drags import (
     MIN_VISITS,
     build_drag,
@@ -22,7 +23,7 @@ from modelsel.diagnosis.joint_drags import (
 from modelsel.diagnosis.joint_functions import list_joint_functions
 from modelsel.diagnosis.sentences import describe_candidate
 from modelsel.diagnosis.signatures import read_signatures
-from modelsel.diagnosis.unlisted_shapes import list_company, list_rivals
+from modelsel.diagnosis.unlisted_shapes import list_rivals
 from modelsel.fitting.design import Model
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.cause_formulas import parse

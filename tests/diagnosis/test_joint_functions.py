@@ -9,12 +9,13 @@ from searches import search_separated
 
 from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import build_candidates
+from modelsel.diagnosis.company import FURTHER
 from modelsel.diagnosis.joint_functions import (
     generate_curves,
     generate_surfaces,
     list_joint_functions,
 )
-from modelsel.diagnosis.unlisted_shapes import FURTHER, UNLISTED_ODDS
+from modelsel.diagnosis.unlisted_shapes import UNLISTED_ODDS
 from modelsel.fitting.design import Model
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.robot.kinematics import forward

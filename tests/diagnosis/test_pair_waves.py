@@ -10,8 +10,9 @@ from searches import search_separated
 
 from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.company import list_company
 from modelsel.diagnosis.pair_waves import COUNTS, generate_pair_waves, list_pair_waves
-from modelsel.diagnosis.unlisted_shapes import list_company, list_rivals
+from modelsel.diagnosis.unlisted_shapes import list_rivals
 from modelsel.diagnosis.unregistered import build_cell
 from modelsel.fitting.design import Model
 from modelsel.mechanisms.causes import Named, cos, q, sin

@@ -10,9 +10,10 @@ from modelsel.diagnosis.campaign_clocks import build_warming_causes
 from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate
 from modelsel.diagnosis.changing_shapes import generate_changing
+from modelsel.diagnosis.company import list_company
 from modelsel.diagnosis.joint_bumps import build_bump, generate_bumps, generate_finer_bumps
 from modelsel.diagnosis.simple_shapes import generate_soft_lags
-from modelsel.diagnosis.unlisted_shapes import list_company, list_rivals
+from modelsel.diagnosis.unlisted_shapes import list_rivals
 from modelsel.diagnosis.unregistered import build_cell
 from modelsel.mechanisms.cause_formulas import parse
 from modelsel.mechanisms.causes import ONE, Named, q

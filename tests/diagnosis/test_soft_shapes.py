@@ -16,6 +16,7 @@ from modelsel._typing import Array
 from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate
 from modelsel.diagnosis.claims import weigh_together
+from modelsel.diagnosis.company import Company, list_company
 from modelsel.diagnosis.procedure import diagnose
 from modelsel.diagnosis.signatures import PROVEN
 from modelsel.diagnosis.soft_shapes import (
@@ -26,7 +27,7 @@ from modelsel.diagnosis.soft_shapes import (
     list_springs,
 )
 from modelsel.diagnosis.torque_powers import build_powers
-from modelsel.diagnosis.unlisted_shapes import UNLISTED_ODDS, Company, list_company, list_rivals
+from modelsel.diagnosis.unlisted_shapes import UNLISTED_ODDS, list_rivals
 from modelsel.diagnosis.unregistered import build_cell, build_wave
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements

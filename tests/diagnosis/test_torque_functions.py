@@ -19,6 +19,7 @@ from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate
 from modelsel.diagnosis.claim_sentences import describe_proven
 from modelsel.diagnosis.claims import build_claim
+from modelsel.diagnosis.company import FURTHER
 from modelsel.diagnosis.credible_sets import CredibleSet, Entry
 from modelsel.diagnosis.effects import Effect
 from modelsel.diagnosis.outcome import Diagnosis
@@ -26,7 +27,6 @@ from modelsel.diagnosis.procedure import diagnose
 from modelsel.diagnosis.soft_shapes import build_soft_springs, list_springs
 from modelsel.diagnosis.torque_functions import find_bend, find_loaded_joint, list_together
 from modelsel.diagnosis.torque_powers import build_powers
-from modelsel.diagnosis.unlisted_shapes import FURTHER
 from modelsel.diagnosis.unregistered import build_cell
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements

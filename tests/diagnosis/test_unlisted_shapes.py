@@ -10,10 +10,11 @@ from searches import search_separated
 
 from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.company import list_company
 from modelsel.diagnosis.outcome import Diagnosis
 from modelsel.diagnosis.signatures import LEVELS
 from modelsel.diagnosis.told_first import sum_constants
-from modelsel.diagnosis.unlisted_shapes import list_company, list_rivals
+from modelsel.diagnosis.unlisted_shapes import list_rivals
 from modelsel.diagnosis.unregistered import build_cell
 from modelsel.fitting.design import Model
 from modelsel.fitting.problem import Problem
