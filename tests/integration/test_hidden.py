@@ -57,14 +57,14 @@ HIDDEN = (
     "kink of one joint",
     "shape of one joint",
 )
-OF_EVERY_CHANGE = "odd coupling"  # one hidden effect is sought before any change lands
+IN_UNIT_STAGE = "odd coupling"  # one hidden effect is sought whenever anything is tested
 SHAPE = 3.0  # a shape that no list has costs many coefficients
 SHAPES = ("kink of one joint", "shape of one joint")
 
 
 def staged(kind: str) -> Any:
     """The kind as a parameter, with the stage in which it is tried."""
-    stage = "integration" if kind == OF_EVERY_CHANGE else "long"
+    stage = "unit" if kind == IN_UNIT_STAGE else "long"
     return pytest.param(kind, marks=getattr(pytest.mark, stage))
 
 
