@@ -13,6 +13,8 @@ from .._typing import Array
 
 # numbers that are kept
 KEPT_NUMBERS = 2_000_000
+# blocks of v visits, as a multiple of √v: a step of all blocks takes longer than one of one block
+BLOCKS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,9 +34,7 @@ class JointPath:
         lead = self._leads.get(key)
         if lead is None:
             own = self.steps[:, joint - 1]
-            steps = own.tolist()
-            opens = self.opens.tolist()
-            lead = _stop(steps, opens, width)
+            lead = compute_stop(own, self.opens, width)
             self._keep(key, lead)
         return lead
 
@@ -51,15 +51,32 @@ class JointPath:
         return {**self.__dict__, "_leads": {}}
 
 
-def _stop(steps: list[float], opens: list[bool], width: float) -> Array:
-    """Add up steps (v,), and cut the sum to [-width, width] after each; from 0 where a group opens."""
-    lead = 0.0
-    leads = []
-    for step, is_first in zip(steps, opens, strict=True):
-        if is_first:
-            lead = 0.0
-        ahead = lead + step
-        bounded = max(ahead, -width)
-        lead = min(bounded, width)
-        leads.append(lead)
-    return np.array(leads, dtype=float)
+def compute_stop(steps: Array, opens: NDArray[np.bool_], width: float) -> Array:
+    """Add up steps (v,), and cut the sum to [-width, width] after each; from 0 where a group opens.
+
+    A step followed by a cut is x → clip(x + a, low, high), and so are several in turn: visits are laid
+    out in blocks that all go forward together, first to learn what each makes of its beginning, then
+    from what it begins with."""
+    count = len(steps)
+    blocks = int(BLOCKS * np.sqrt(count)) + 1
+    length = -(-count // blocks)
+    missing = blocks * length - count
+    own = np.pad(steps, (0, missing)).reshape(blocks, length).T
+    is_first = np.pad(opens, (0, missing)).reshape(blocks, length).T
+    whole = np.repeat([[0.0], [-width], [width]], blocks, axis=1)
+    moved, low, high = whole
+    bounds = whole[1:]
+    for step, restarts in zip(own, is_first, strict=True):
+        whole[:, restarts] = 0.0
+        whole += step
+        np.clip(bounds, -width, width, out=bounds)
+    lead = np.zeros(blocks)
+    for k in range(1, blocks):
+        lead[k] = min(max(lead[k - 1] + moved[k - 1], low[k - 1]), high[k - 1])
+    leads = np.empty((length, blocks))
+    for out, step, restarts in zip(leads, own, is_first, strict=True):
+        lead[restarts] = 0.0
+        lead += step
+        np.clip(lead, -width, width, out=lead)
+        out[:] = lead
+    return leads.T.reshape(-1)[:count]

@@ -12,8 +12,10 @@ from ..notices import Note
 
 # configurations of either kind from which distances say something
 FEWEST_ESTIMATION, FEWEST_HELD_OUT = 20, 5
-# configurations whose nearest others are sought
-MOST_ASKED = 300
+# configurations whose nearest others are sought, and those of a campaign of very many
+MOST_ASKED, FEWEST_ASKED = 300, 50
+# pairs of configurations that are compared in all, but for the fewest
+MOST_PAIRS = 30_000_000
 # share of its largest reading by which a joint that rests varies
 RESTS = 1e-9
 # numbers that are compared at a time
@@ -61,7 +63,8 @@ def _compare_distances(data: Measurements, estimation: NDArray[np.bool_]) -> flo
 def _measure_nearest(q: Array, rows: Index, others: Index, progress: Array, apart: float) -> float:
     """Measure the median distance from rows, of many some, to the nearest of other rows that are at least
     so far `apart` in the campaign."""
-    step = -(-len(rows) // MOST_ASKED)
+    asked = min(MOST_ASKED, max(MOST_PAIRS // len(others), FEWEST_ASKED))
+    step = -(-len(rows) // asked)
     some = rows[::step]
     together = max(COMPARED // len(others), 1)
     nearest = [

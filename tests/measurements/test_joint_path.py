@@ -10,6 +10,7 @@ import pytest
 from builders import bind, drawn, seeds
 
 from modelsel._typing import Array
+from modelsel.measurements.joint_path import JointPath
 from modelsel.measurements.measurements import build_measurements
 from modelsel.measurements.motion import Waypoints
 from modelsel.measurements.state_names import SLID, TURNED, parse_state_name, state_units
@@ -45,6 +46,20 @@ def test_a_joint_is_ahead_of_a_block_between_stops(width: int, rng: np.random.Ge
         expected = drag_block(q[:, joint - 1], width / 1000)
         found = at.value(f"drag{joint}_{width}")
         np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+@seeds(1, 2, 3)
+def test_long_ways_in_groups_are_gone_as_one_by_one(rng: np.random.Generator) -> None:
+    count = int(rng.integers(1, 6000))
+    steps = rng.normal(0, 0.2, (count, 2))
+    group = np.sort(rng.integers(0, 5, count))
+    opens = np.diff(group, prepend=-1) > 0
+    steps[opens] = 0.0
+    lead = JointPath(steps, opens).lead(2, 0.5)
+    for each in np.unique(group):
+        own = group == each
+        way = np.cumsum(steps[own, 1])
+        np.testing.assert_allclose(lead[own], drag_block(way.tolist(), 0.5), atol=1e-11)
 
 
 @seeds(1, 2)
