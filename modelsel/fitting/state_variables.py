@@ -153,6 +153,13 @@ class StateVariables:
         readings = data.q
         return pose(self.robot, readings, tools)
 
+    def loaded_pose(self) -> Pose:
+        """Return the nominal pose of all rows with one target, the mean of all: what hangs there
+        hangs there whichever target a row measures."""
+        readings = self.data.q
+        tools = np.tile(self.tools.mean(0), (len(readings), 1))
+        return pose(self.robot, readings, tools)
+
 
 def _needs_chain(name: str) -> bool:
     """Whether a name is of a quantity that depends on where the arm's links are."""
@@ -333,15 +340,15 @@ def _down(state: StateVariables) -> Values:
 
 
 def _base_moment(state: StateVariables) -> Values:
-    return _by_axis(
-        StateKind.BASE_MOMENT, compute_base_moment(state.robot, state.pose(), state.data.q)
-    )
+    moment = compute_base_moment(state.robot, state.loaded_pose(), state.data.q)
+    return _by_axis(StateKind.BASE_MOMENT, moment)
 
 
 def _link_moments(state: StateVariables) -> Values:
     """Compute the torques about the joints' axes, and the moments across them."""
     out: Values = {}
-    for joint, rows in enumerate(compute_joint_moments(state.robot, state.pose(), state.data.q), 1):
+    moments = compute_joint_moments(state.robot, state.loaded_pose(), state.data.q)
+    for joint, rows in enumerate(moments, 1):
         out[StateVariable(StateKind.BENDING, joint, "x")] = rows[0]
         out[StateVariable(StateKind.BENDING, joint, "y")] = rows[1]
         out[StateVariable(StateKind.TORQUE, joint)] = rows[2]
@@ -351,7 +358,8 @@ def _link_moments(state: StateVariables) -> Values:
 def _unit_moments(state: StateVariables) -> Values:
     """Compute torques and moments of 1 kg at the origin of one frame."""
     out: Values = {}
-    for (joint, frame), rows in compute_unit_moments(state.robot, state.pose()).items():
+    moments = compute_unit_moments(state.robot, state.loaded_pose())
+    for (joint, frame), rows in moments.items():
         out[StateVariable(StateKind.UNIT_BENDING, joint, "x", frame)] = rows[0]
         out[StateVariable(StateKind.UNIT_BENDING, joint, "y", frame)] = rows[1]
         out[StateVariable(StateKind.UNIT_TORQUE, joint, frame=frame)] = rows[2]

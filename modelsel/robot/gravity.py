@@ -1,7 +1,8 @@
 """Gravity on the nominal chain: torque about every joint, moment on the base, and the joints that
 gravity loads.
 
-Masses are the robot file's; where it has none, 1 kg at each later frame's origin and at the target.
+Masses are the robot file's; where it has none, 1 kg at each later frame's origin and at the target
+(the mean of several).
 g = 9.81 m/s²."""
 
 from __future__ import annotations

@@ -38,7 +38,9 @@ from modelsel.exceptions import StudyError
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor
+from modelsel.fitting.problem import Problem
 from modelsel.fitting.whitening import Whitening
+from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.cause_functions import FUNCTIONS
 from modelsel.mechanisms.causes import Applied, Combined, Member, Named, Number, shifted
 from modelsel.mechanisms.registry import mechanism
@@ -291,6 +293,27 @@ def test_python_knows_every_derived_cause(rng) -> None:
             {},
         )
         assert export(c, "python").error_mm < 1e-9
+
+
+def test_python_hangs_a_payload_where_all_targets_have_it(rng) -> None:
+    robot = load_robot("puma760")
+    q = np.repeat(robot.draw(rng, 40), 3, axis=0)
+    payload = np.repeat(rng.choice([0.0, 5.0, 20.0], 40), 3)
+    tools = rng.uniform(-150, 150, (3, 3)) + [0.0, 0.0, 100.0]
+    data = build_measurements(
+        q,
+        np.zeros((120, 3)),
+        target=np.tile(["a", "b", "c"], 40),
+        covariates={"payload_kg": payload},
+    )
+    names = ("joint-compliance:2", "payload-deflection:3", "base-tilt")
+    model = Model(tuple(mechanism(name, robot) for name in names))
+    theta = np.array([t.size[1] / 10 for t in model.terms])
+    at = planted(Problem(robot, data, tools), model.terms, theta, rng, 0.02)
+    every_row = np.ones(120, bool)
+    split = Split(at, every_row, ~every_row, np.zeros(120, np.intp), True)
+    c = calibrate("hangs", split, fit(at, model), Floor(0.02, "stated"), None, False, {})
+    assert export(c, "python").error_mm < 1e-9
 
 
 def test_python_knows_the_beam(rng) -> None:

@@ -214,3 +214,38 @@ def test_no_rival_turns_a_target_whose_orientation_is_not_measured() -> None:
         assert others
         places = {place for one in others for place in one.names_by_place()}
         assert places == {(7, "tx"), (7, "ty"), (7, "tz")}
+
+
+@pytest.mark.slow
+@seeds(1, 2)
+def test_a_payload_pulls_alike_whichever_target_is_measured(rng: np.random.Generator) -> None:
+    """Three reflectors beside what hangs on the flange: one torque a posture, and no joint is told not to
+    repeat."""
+    arm = load_robot("irb120")
+    q = arm.draw(rng, ROWS)
+    payload = rng.choice([0.0, 2.0, 5.0], ROWS)
+    tools = TOOL + rng.uniform(-150, 150, (3, 3))
+    hangs = tools.mean(0)
+    joint = int(rng.integers(2, 4))
+    shoulder = ends_of(arm, joint - 1, q)
+    lever = (place_of(flanges_of(arm, q), hangs) - shoulder[:, :3, 3]) / 1e3
+    torque_of = np.cross(lever, payload[:, None] * WEIGHT)
+    about = np.einsum("mi,mi->m", torque_of, shoulder[:, :3, 2])
+    size = rng.uniform(1.5e-5, 3e-5)
+    wound = q.copy()
+    wound[:, joint - 1] += size * about
+    flange = flanges_of(arm, wound)
+    seen = np.stack([place_of(flange, tool) for tool in tools], axis=1).reshape(-1, 3)
+    shifted = seen + rng.normal(0, NOISE_MM, seen.shape)
+    data = build_measurements(
+        np.repeat(q, 3, axis=0),
+        shifted,
+        target=np.tile(["a", "b", "c"], ROWS),
+        covariates={"payload_kg": np.repeat(payload, 3)},
+    )
+    at = bind(arm, data, tools)
+    base = Model((mechanism("geometric", arm),))
+    diagnosis = search_separated(at, base, build_candidates(at, base, every(arm)))
+    effect = find_cause(diagnosis, f"payload-deflection:{joint}")
+    assert effect.estimate[0] == pytest.approx(size, abs=5 * effect.standard_error[0])
+    assert not [part.name for part in diagnosis.errors.parts if part.name.startswith("joint")]

@@ -152,3 +152,23 @@ def test_a_problem_needs_the_robot_the_measurements_and_the_tools(rng) -> None:
 )
 def test_a_covariate_has_the_unit_at_its_end(name, unit) -> None:
     assert covariate_unit(name) == unit
+
+
+@pytest.mark.parametrize("name", ["puma760", "ur5e"])
+def test_what_an_arm_carries_does_not_depend_on_the_target_that_is_seen(name, rng) -> None:
+    """At rest it has one gravity torque, of what hangs at the mean of its targets."""
+    robot = load_robot(name)
+    tools = rng.uniform(-150, 150, (3, 3)) + [0.0, 0.0, 100.0]
+    q = robot.draw(rng, 20)
+    rows = np.repeat(q, 3, axis=0)
+    target = np.tile(["a", "b", "c"], 20)
+    data = build_measurements(rows, np.zeros((60, 3)), target=target)
+    at = Problem(robot, data, tools)
+    alone = Problem(robot, build_measurements(q, np.zeros((20, 3))), tools.mean(0))
+    for state in ("torque2", "torque2_7", "moment3_x", "moment_y"):
+        by_posture = at.value(state).reshape(20, 3)
+        np.testing.assert_array_equal(by_posture, np.repeat(by_posture[:, :1], 3, axis=1))
+        np.testing.assert_allclose(by_posture[:, 0], alone.value(state), atol=1e-9)
+        # rows of one target have what they had among the others
+        some = at.take(target == "b")
+        np.testing.assert_allclose(some.value(state), alone.value(state), atol=1e-9)

@@ -134,7 +134,10 @@ def derive_state(data: Data, q: Array, tool: Array) -> dict[str, Array]:
     if data["gravity"] is None:
         return out
     g = np.array(data["gravity"])
-    bodies = [(1.0, p) for p in (*o[1:n], x)]
+    # what hangs at the targets hangs at their mean, whichever is measured
+    middle = np.mean(list(data["tools"].values()), axis=0)
+    loaded = x + R[n] @ (middle - tool)
+    bodies = [(1.0, p) for p in (*o[1:n], loaded)]
     if any(data["masses"]):
         bodies = []
         for k in range(n):
@@ -150,7 +153,7 @@ def derive_state(data: Data, q: Array, tool: Array) -> dict[str, Array]:
     out |= name_axes("down_{}", down)
     whole = sum((np.cross(p / 1e3, mass * G * g) for mass, p in bodies), np.zeros((m, 3)))
     out |= name_axes("moment_{}", whole)
-    ends = [*o[:n], x]
+    ends = [*o[:n], loaded]
     for j in range(n):
 
         def about(p: Array, mass: float, j: int = j) -> Array:
