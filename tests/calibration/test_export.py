@@ -299,7 +299,7 @@ def test_python_hangs_a_payload_where_all_targets_have_it(rng) -> None:
     robot = load_robot("puma760")
     q = np.repeat(robot.draw(rng, 40), 3, axis=0)
     payload = np.repeat(rng.choice([0.0, 5.0, 20.0], 40), 3)
-    tools = rng.uniform(-150, 150, (3, 3)) + [0.0, 0.0, 100.0]
+    tools = rng.uniform(-150, 150, (3, 3)) + np.array([0.0, 0.0, 100.0])
     data = build_measurements(
         q,
         np.zeros((120, 3)),

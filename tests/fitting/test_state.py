@@ -158,7 +158,7 @@ def test_a_covariate_has_the_unit_at_its_end(name, unit) -> None:
 def test_what_an_arm_carries_does_not_depend_on_the_target_that_is_seen(name, rng) -> None:
     """At rest it has one gravity torque, of what hangs at the mean of its targets."""
     robot = load_robot(name)
-    tools = rng.uniform(-150, 150, (3, 3)) + [0.0, 0.0, 100.0]
+    tools = rng.uniform(-150, 150, (3, 3)) + np.array([0.0, 0.0, 100.0])
     q = robot.draw(rng, 20)
     rows = np.repeat(q, 3, axis=0)
     target = np.tile(["a", "b", "c"], 20)
