@@ -24,6 +24,9 @@ UNSURE = 0.2
 OF_A_VISIT = "configuration", "targets"
 # parts that do not last which are tried at every step
 TRIED = 2
+# by so much twice the log likelihood is larger, 20 to 1, where what a joint does comes back with the
+# posture: then it is no joint that does not repeat
+COMES_BACK = 6.0
 # gain of twice the log likelihood that something lasting needs beyond what does not last
 HANDICAP = 6.0
 
@@ -256,7 +259,17 @@ def _try(at: Likelihood, part: PossiblePart, variance: float, even: float) -> _T
         # a few loud rows gain as much as a joint that does not repeat
         by_chance = part.tests * compute_alignment_p(at, part.error)
         p = max(p, by_chance)
+    elif part.repeating is not None and _comes_back(at, part.repeating, trial):
+        p = 1.0
     return _Trial(part, trial.parts, trial.log, p, even)
+
+
+def _comes_back(at: Likelihood, repeating: SharedError, trial: Likelihood) -> bool:
+    """Whether an error that comes back with the posture tells the data better than a trial's, of another
+    draw a visit."""
+    start = replace(repeating, variance=trial.parts[-1].variance)
+    again = maximise_likelihood(at.model, [start], at.parts, exact=False)
+    return again.log - trial.log > COMES_BACK
 
 
 def _climb(at: Likelihood, lengths: Sequence[PossiblePart], best: _Trial) -> _Trial:

@@ -39,6 +39,8 @@ DIRECTIONS = "directions"
 SIZES = "sizes"
 # what an effect that is not named yet may tell as well
 UNSURE = (DIRECTIONS, SIZES)
+# the differences between visits of one posture
+BY_REPEATS = "repeats"
 # the order of motion, for an error that lasts
 ORDER = "order"
 # draws that a part needs, rows beyond the first of their configuration, and groups
@@ -70,7 +72,7 @@ class PossiblePart:
     square: mean square [mm²] over the rows of the target's displacement by one unit; told_by: what
     distinguishes it from others; tests: how many tests it counts for; even: noise alike in all rows,
     none of which share it, that must not tell the data as well; compared: the rows whose sizes tell it,
-    and with which."""
+    and with which; repeating: the same with one draw a posture, which repeats must not show instead."""
 
     name: str
     unit: str
@@ -80,12 +82,15 @@ class PossiblePart:
     tests: int = 1
     even: SharedError | None = None
     compared: Comparison | None = None
+    repeating: SharedError | None = None
 
     def take(self, rows: Index) -> PossiblePart:
         """Return the part of some rows."""
         even = None if self.even is None else self.even.take(rows)
         compared = None if self.compared is None else self.compared.take(rows)
-        return replace(self, error=self.error.take(rows), even=even, compared=compared)
+        again = None if self.repeating is None else self.repeating.take(rows)
+        error = self.error.take(rows)
+        return replace(self, error=error, even=even, compared=compared, repeating=again)
 
 
 def list_parts(problem: Problem, training: Mask) -> tuple[PossiblePart, ...]:
@@ -164,7 +169,7 @@ def _list_joints(problem: Problem, seen: Measurements) -> list[PossiblePart]:
     if count_excess(seen.configuration, np.arange(len(seen))) >= MIN_EXCESS:
         told_by = "targets"
     if count_excess(seen.block, seen.configuration) >= MIN_EXCESS:
-        told_by = "repeats"
+        told_by = BY_REPEATS
     found = []
     for j, slides in enumerate(prismatic):
         if size[j] <= MIN_LOADING * size.max(initial=TINY):
@@ -173,7 +178,10 @@ def _list_joints(problem: Problem, seen: Measurements) -> list[PossiblePart]:
         square = float(np.square(moved[j, :3]).sum(0).mean())
         error = SharedError(np.ascontiguousarray(loading), problem.data.configuration)
         unit = "mm" if slides else "rad"
-        found.append(PossiblePart(f"joint {j + 1}", unit, error, square, told_by))
+        own = PossiblePart(f"joint {j + 1}", unit, error, square, told_by)
+        if told_by == BY_REPEATS:
+            own = replace(own, repeating=replace(error, level=problem.data.block))
+        found.append(own)
     return found
 
 

@@ -177,6 +177,22 @@ def test_what_rows_of_a_level_share_is_found(
     assert found.parts[1].low / 1.25 < 2 * SIGMA < found.parts[1].high * 1.25
 
 
+@seeds(1, 2, 3)
+@pytest.mark.parametrize("times", [2, 4])
+def test_a_joint_whose_error_comes_back_with_the_posture_repeats(
+    rng: np.random.Generator, times: int
+) -> None:
+    """It is an error of the model, by one wave too fine for any candidate, say."""
+    at = campaign(rng, times=times)
+    turn = rng.uniform(3e-4, 6e-4) * np.sin(431.0 * at.data.q[:, 1] + rng.uniform(0, 6))
+    term = Term("joint", (Screw(2, "rz", ONE),))
+    lever = compute_design(at, [term])[0][:, :, 0]
+    found = structure_of(measured(at, at.data.position + lever * turn[:, None]))
+    parts = [(part.name, part.told_by) for part in found.parts[1:]]
+    assert ("configuration", "repeats") in parts
+    assert not {name for name, _ in parts} & set(JOINTS)
+
+
 def last(rng: np.random.Generator, length: float) -> Problem:
     """A campaign with errors that last over so many visits."""
     at = campaign(rng, postures=120)
