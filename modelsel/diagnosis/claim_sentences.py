@@ -19,6 +19,7 @@ from .sentences import (
     describe_amount,
     describe_candidate,
     has_contrary_signs,
+    name_alike,
     name_joint,
     sum_of_name,
     weigh_listed,
@@ -179,24 +180,16 @@ def name_places(effect: Effect) -> str:
     """Name what moves, in words: "Joint 3 is off its reading", "Frame 5 shifts along its y axis"."""
     places = list(_find_acts(effect))
     if effect.claim is not None and effect.claim.moves_joints:
-        return _name_joints(sorted(frame for frame, _ in places))
+        joints = _name_joints(sorted(frame for frame, _ in places))
+        return f"{joints}{name_alike(effect)}"
     if len(places) == 1:
         ((frame, axis),) = places
         where = describe_frame_motion(frame, axis)
-        return f"{where}{_name_alike(effect)}"
+        return f"{where}{name_alike(effect)}"
     frames = [str(frame) for frame in sorted({frame for frame, _ in places})]
     if len(frames) == 1:
         return f"Frame {frames[0]} moves"
     return f"Frames {sentence_list(frames)} move"
-
-
-def _name_alike(effect: Effect) -> str:
-    """Name the frames that would move every target in the same way as the one that moves."""
-    claim = effect.claim
-    if claim is None or not claim.alike:
-        return ""
-    frames = sorted({str(frame) for frame, _ in claim.alike})
-    return f" (frame {choice_list(frames)} would move the target alike)"
 
 
 def _find_acts(effect: Effect) -> dict[tuple[int, str], frozenset[str]]:

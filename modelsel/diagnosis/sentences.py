@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from .._typing import Array
-from ..exceptions import count_words, write_rounded
+from ..exceptions import choice_list, count_words, write_rounded
 from ..measurements.state_names import StateKind, describe_state_name, parse_state_name
 from ..mechanisms.causes import Applied, Bump, find_bump
 from ..mechanisms.terms import Mechanism, Term, describe_frame_motion, letter
@@ -217,7 +217,27 @@ def name_joint(effect: Effect) -> str:
     if len(places) != 1:
         return ""
     ((joint, _),) = places
-    return f"Joint {joint} is off its reading"
+    return f"Joint {joint} is off its reading{name_alike(effect)}"
+
+
+def name_alike(effect: Effect) -> str:
+    """Name the frames that would move every target in the same way as the one that moves; none beside a
+    joint that moves with how it stands, moves or is loaded itself."""
+    claim = effect.claim
+    if claim is None or not claim.alike:
+        return ""
+    if claim.moves_joints and any(
+        _depends_on_own(joint, names) for (joint, _), names in claim.acts
+    ):
+        return ""
+    frames = sorted({str(frame) for frame, _ in claim.alike})
+    return f" (frame {choice_list(frames)} would move the target alike)"
+
+
+def _depends_on_own(joint: int, names: Iterable[str]) -> bool:
+    """Whether some names are of a joint's own state."""
+    variables = map(parse_state_name, names)
+    return any(one is not None and one.joint == joint for one in variables)
 
 
 def _describe_place(candidate: Candidate, joint: str) -> str:

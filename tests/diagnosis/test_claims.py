@@ -595,29 +595,38 @@ def test_drivers_and_places_in_words() -> None:
 
 
 @pytest.mark.parametrize(
-    ("slides", "place", "words"),
+    ("slides", "place", "driver", "words"),
     [
-        (False, (2, "rz"), "Joint 2 is off its reading"),
+        (False, (2, "rz"), "q2", "Joint 2 is off its reading"),
+        (False, (2, "rz"), "q4", "Joint 2 is off its reading"),
         (
             False,
             (2, "tz"),
+            "q2",
             "Frame 2 shifts along its z axis (frame 3 or 4 would move the target alike)",
         ),
-        (False, (7, "rz"), "Frame 7 turns about its z axis"),
-        (True, (2, "tz"), "Joint 2 is off its reading"),
-        (True, (2, "rz"), "Frame 2 turns about its z axis"),
+        (False, (7, "rz"), "q2", "Frame 7 turns about its z axis"),
+        (True, (2, "tz"), "torque2", "Joint 2 is off its reading"),
+        (
+            True,
+            (2, "tz"),
+            "q3",
+            "Joint 2 is off its reading (frame 3 or 4 would move the target alike)",
+        ),
+        (True, (2, "rz"), "q2", "Frame 2 turns about its z axis"),
     ],
 )
 def test_only_the_motion_of_a_joint_is_told_as_the_joints(
-    slides: bool, place: tuple[int, str], words: str, rng: np.random.Generator
+    slides: bool, place: tuple[int, str], driver: str, words: str, rng: np.random.Generator
 ) -> None:
-    """A frame behind the last joint has none; a slide that turns is no slide off its reading."""
+    """A frame behind the last joint has none; a slide that turns is no slide off its reading. What depends
+    on another joint may as well be of a frame that moves alike."""
     robot = load_robot("puma760")
     second = replace(robot.joints[1], prismatic=slides)
     robot = replace(robot, joints=(robot.joints[0], second, *robot.joints[2:]))
     readings = robot.draw(rng, 10)
     problem = Problem(robot, build_measurements(readings, np.zeros((10, 3))), np.zeros((1, 3)))
-    candidate = single(place, sin(Named("q2")))
+    candidate = single(place, sin(Named(driver)))
     claim = build_claim(problem, candidate, np.array([0.99, 0.4, 0.1, 0.1]))
     effect = replace(effect_of(candidate, 0.99, 0.4, 0.1, 0.1), claim=claim)
     assert name_places(effect) == words
