@@ -102,9 +102,11 @@ def backlash(robot: Robot, joint: int) -> Mechanism:
     Play yields to the torque as a spring does, so that h4 has the sign of a compliance: with the
     torque itself as cause, plus. On the paper's own arm, where the lever cos(q2+q3) is against the
     torque, the paper calls either sign backlash (its Table 3 has h3 = -1.686 and h4 = +0.235 mrad);
-    there the sentence says which of them was found."""
+    there the sentence says which of them was found. Where masses are declared, the torque is that of
+    the elbow, too."""
     pair, cause, direction = find_arm_pair(robot), sign(motor_torque(robot, joint)), 1
-    if pair is not None and joint == pair.fore:
+    is_declared = any(one.mass for one in robot.joints)
+    if pair is not None and joint == pair.fore and not is_declared:
         cause, direction = sign(forearm_lever(pair)), pair.far_sign * pair.parallel
     against = (
         f"{name_drive(robot, joint).capitalize()} steps against gravity where its torque changes sign: play would give way to gravity, so "

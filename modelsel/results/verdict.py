@@ -123,15 +123,15 @@ def _change_verb(before: float, after: float) -> str:
 
 
 def _describe_noise(noise: Noise) -> str:
-    """Return what noise alone would leave, and, where that is clearly more, with what else does not repeat
-    and with what the model does not know."""
+    """Return what noise alone would leave, and, where that is clearly more, with what else the model does
+    not explain and with what it does not know."""
     floor = noise.floor
     alone = _rms_length(floor)
     words = f"noise of {write_rounded(floor.coordinate_mm)} mm per coordinate ({floor.source}) would leave {write_rounded(alone)} mm"
     left = alone
     others = []
     for more_mm, what in (
-        (noise.unrepeated_mm, "what else does not repeat"),
+        (noise.unrepeated_mm, "what else is not explained"),
         (noise.model_mm, "the uncertainty of the model"),
     ):
         both = hypot(left, more_mm)

@@ -73,7 +73,7 @@ def test_what_else_does_not_repeat_is_left_too() -> None:
     for noise, words in (
         (
             Noise(FLOOR, 0.06),
-            "would leave 0.0520 mm, and with what else does not repeat 0.0794 mm.",
+            "would leave 0.0520 mm, and with what else is not explained 0.0794 mm.",
         ),
         (Noise(FLOOR, 0.01), "would leave 0.0520 mm."),
         (Noise(FLOOR, 0.01, 0.02), "would leave 0.0520 mm."),
@@ -83,7 +83,7 @@ def test_what_else_does_not_repeat_is_left_too() -> None:
         ),
         (
             Noise(FLOOR, 0.06, 0.06),
-            "would leave 0.0520 mm, and with what else does not repeat and the uncertainty of the model 0.0995 mm.",
+            "would leave 0.0520 mm, and with what else is not explained and the uncertainty of the model 0.0995 mm.",
         ),
     ):
         none = NamedErrors([])
