@@ -23,6 +23,7 @@ from .acting_screws import keep_acting_screws
 from .candidate_columns import Columns, build_columns, flatten_measured
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate, find_cell_prior
+from .close_steps import CloseSteps, find_close_steps
 from .credible_sets import (
     CredibleSet,
     Question,
@@ -119,6 +120,7 @@ class Search:
             "bumped",
             "numbers",
             "nested_steps",
+            "close_steps",
             "acting_parts",
             "signatures",
         ):
@@ -145,6 +147,11 @@ class Search:
     def bumped(self) -> Index:
         """The joint (G,) that every candidate lets err around one reading, 0 for none."""
         return np.array([one.bumped_joint for one in self.candidates], dtype=np.intp)
+
+    @cached_property
+    def close_steps(self) -> CloseSteps:
+        """The candidates that are steps of the set-up, by where they are in the campaign."""
+        return find_close_steps(self.problem, self.candidates)
 
     @cached_property
     def nested_steps(self) -> NestedSteps:
@@ -214,7 +221,8 @@ class Search:
         the fit drops of them is no cause."""
         taken = np.array(known, dtype=np.intp)
         bumps = self._list_bumps(self.bumped[taken])
-        return np.concatenate([self.dead, taken, bumps])
+        close = self.close_steps.list_beside(known)
+        return np.concatenate([self.dead, taken, bumps, close])
 
     def _list_bumps(self, joints: Index) -> Index:
         """List the candidates that let some joints err around one reading."""
@@ -329,7 +337,8 @@ class Search:
         chosen = self._list_chosen(view)
         same = self.nested_steps.list_other_names(g, chosen)
         others = bumps[bumps != g]
-        return np.concatenate([self.dead, others, same])
+        close = self.close_steps.list_beside([other for other in chosen if other != g])
+        return np.concatenate([self.dead, others, same, close])
 
     def _list_chosen(self, view: View) -> list[int]:
         """List the candidates that are in a model."""
