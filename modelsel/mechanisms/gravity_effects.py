@@ -16,6 +16,8 @@ from .terms import Mechanism, Screw, Term
 
 PAPER = "Chen & Chao 1987, positioning error analysis of robots with rotary joints, Eq. 6-7"
 TWIST = (2e-5, 1e-2)  # rad at full lever: 10 N m … 1 kN m over 1e5 … 1e6 N m/rad
+# what may decide the side on which gravity holds a joint: its torque, or the lever of the forearm
+BY_TORQUE, BY_FOREARM = 0, 1
 BACKLASH = (2e-5, 2e-3)  # rad
 # rad to either side, and directions of the edges [degrees], which are at right angles
 ROCKING = (2e-6, 5e-3)
@@ -95,18 +97,26 @@ def gravity_twist(robot: Robot) -> Mechanism | None:
     )
 
 
-def backlash(robot: Robot, joint: int) -> Mechanism:
+def list_sides(robot: Robot, joint: int) -> tuple[int, ...]:
+    """List what may decide the side on which gravity holds a joint: its torque, and of the elbow the
+    paper's lever of the forearm; where no masses are declared, that alone."""
+    pair = find_arm_pair(robot)
+    if pair is None or joint != pair.fore:
+        return (BY_TORQUE,)
+    is_declared = any(one.mass for one in robot.joints)
+    return (BY_TORQUE, BY_FOREARM) if is_declared else (BY_FOREARM,)
+
+
+def backlash(robot: Robot, joint: int, side: int) -> Mechanism:
     """Gravity holds the gear on one flank and changes it where its torque changes sign; joint 3 is
     the paper's h4.
 
     Play yields to the torque as a spring does, so that h4 has the sign of a compliance: with the
     torque itself as cause, plus. On the paper's own arm, where the lever cos(q2+q3) is against the
     torque, the paper calls either sign backlash (its Table 3 has h3 = -1.686 and h4 = +0.235 mrad);
-    there the sentence says which of them was found. Where masses are declared, the torque is that of
-    the elbow, too."""
+    there the sentence says which of them was found. `side`: one of `list_sides`."""
     pair, cause, direction = find_arm_pair(robot), sign(motor_torque(robot, joint)), 1
-    is_declared = any(one.mass for one in robot.joints)
-    if pair is not None and joint == pair.fore and not is_declared:
+    if side == BY_FOREARM and pair is not None:
         cause, direction = sign(forearm_lever(pair)), pair.far_sign * pair.parallel
     against = (
         f"{name_drive(robot, joint).capitalize()} steps against gravity where its torque changes sign: play would give way to gravity, so "

@@ -81,7 +81,9 @@ _BUILTIN: Registry = {
     "joint2-twist": gravity_effects.joint2_twist,
     "joint3-twist": gravity_effects.joint3_twist,
     "gravity-twist": gravity_effects.gravity_twist,
-    "backlash": PerJoint(gravity_effects.backlash, motors.find_gravity_motors),
+    "backlash": Scanned(
+        gravity_effects.backlash, gravity_effects.list_sides, motors.find_gravity_motors
+    ),
     "wrist-coupling": PerJoint(drives.wrist_coupling, drives.wrist_joints),
     "base-tilt": gravity_effects.base_tilt,
     "base-rocking": Scanned(gravity_effects.base_rocking, gravity_effects.list_edges),

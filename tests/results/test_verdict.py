@@ -57,7 +57,7 @@ def test_a_fault_of_the_data_is_no_error_of_the_arm() -> None:
     )
 
 
-def test_what_else_does_not_repeat_is_left_too() -> None:
+def test_what_else_is_not_explained_is_left_too() -> None:
     """Rows of one posture share an error that its repeats do not show; a joint's part they do."""
     shared = part("configuration", 0.04, 0.03, 0.05, told_by="repeats", at_target=0.06)
     loose = part("joint 2", 2e-4, 1e-4, 3e-4, told_by="repeats", at_target=0.09)
