@@ -27,23 +27,31 @@ class CloseSteps(NamedTuple):
 
     def list_beside(self, known: Sequence[int]) -> Index:
         """List the steps that have too few coordinates between them and one of some known candidates."""
-        own = self.before[np.asarray(known, dtype=np.intp)]
-        between = np.abs(self.before[:, None] - own)
-        is_close = between < self.needed[:, None]
-        return np.flatnonzero(is_close.any(axis=1))
+        places = np.asarray(known, dtype=np.intp)
+        own = self.before[places]
+        apart = np.subtract.outer(self.before, own)
+        between = np.abs(apart)
+        needed = self.needed[:, None]
+        is_close = between < needed
+        is_beside = is_close.any(axis=1)
+        return np.flatnonzero(is_beside)
 
 
 def find_close_steps(problem: Problem, candidates: Sequence[Candidate]) -> CloseSteps:
     """Find the candidates that are steps of the set-up, and where in the campaign they are."""
+    count = len(candidates)
     course = np.sort(problem.data.progress)
-    before = np.full(len(candidates), np.nan)
-    needed = np.zeros(len(candidates))
+    before = np.full(count, np.nan)
+    needed = np.zeros(count)
     for g, one in enumerate(candidates):
         mechanism = one.mechanism
-        if mechanism.name not in SET_UP_STEPS:
+        name = mechanism.name
+        if name not in SET_UP_STEPS:
             continue
-        (moment,) = list_step_moments(mechanism.terms)
+        terms = mechanism.terms
+        (moment,) = list_step_moments(terms)
         rows = np.searchsorted(course, moment)
         before[g] = rows * problem.components
-        needed[g] = COORDINATES_OF_STEP * len(mechanism.terms)
+        numbers = len(terms)
+        needed[g] = COORDINATES_OF_STEP * numbers
     return CloseSteps(before, needed)

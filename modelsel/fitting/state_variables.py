@@ -154,11 +154,12 @@ class StateVariables:
         return pose(self.robot, readings, tools)
 
     def loaded_pose(self) -> Pose:
-        """Return the nominal pose of all rows with one target, the mean of all: what hangs there
-        hangs there whichever target a row measures."""
+        """Return the nominal pose of all rows with the mean of all targets, where a load hangs."""
+        if len(self.tools) == 1:
+            return self.pose()
+        middle = self.tools.mean(0)
         readings = self.data.q
-        tools = np.tile(self.tools.mean(0), (len(readings), 1))
-        return pose(self.robot, readings, tools)
+        return pose(self.robot, readings, middle)
 
 
 def _needs_chain(name: str) -> bool:
@@ -358,8 +359,7 @@ def _link_moments(state: StateVariables) -> Values:
 def _unit_moments(state: StateVariables) -> Values:
     """Compute torques and moments of 1 kg at the origin of one frame."""
     out: Values = {}
-    moments = compute_unit_moments(state.robot, state.loaded_pose())
-    for (joint, frame), rows in moments.items():
+    for (joint, frame), rows in compute_unit_moments(state.robot, state.loaded_pose()).items():
         out[StateVariable(StateKind.UNIT_BENDING, joint, "x", frame)] = rows[0]
         out[StateVariable(StateKind.UNIT_BENDING, joint, "y", frame)] = rows[1]
         out[StateVariable(StateKind.UNIT_TORQUE, joint, frame=frame)] = rows[2]

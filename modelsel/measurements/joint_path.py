@@ -31,9 +31,11 @@ class JointPath:
         """Return how far a joint (from 1) is ahead of what it drags along (v,), at most `width` to
         either side: the stop operator of its motion, 0 at a group's first visit."""
         key = joint, width
-        lead = self._leads.get(key)
+        known = self._leads
+        lead = known.get(key)
         if lead is None:
-            own = self.steps[:, joint - 1]
+            column = joint - 1
+            own = self.steps[:, column]
             lead = compute_stop(own, self.opens, width)
             self._keep(key, lead)
         return lead
@@ -60,10 +62,11 @@ def compute_stop(steps: Array, opens: NDArray[np.bool_], width: float) -> Array:
     count = len(steps)
     blocks = int(BLOCKS * np.sqrt(count)) + 1
     length = -(-count // blocks)
-    missing = blocks * length - count
-    own = np.pad(steps, (0, missing)).reshape(blocks, length).T
-    is_first = np.pad(opens, (0, missing)).reshape(blocks, length).T
-    whole = np.repeat([[0.0], [-width], [width]], blocks, axis=1)
+    shape = blocks, length
+    own = _lay_out(steps, shape)
+    is_first = _lay_out(opens, shape)
+    beginning = [[0.0], [-width], [width]]
+    whole = np.repeat(beginning, blocks, axis=1)
     moved, low, high = whole
     bounds = whole[1:]
     for step, restarts in zip(own, is_first, strict=True):
@@ -71,12 +74,26 @@ def compute_stop(steps: Array, opens: NDArray[np.bool_], width: float) -> Array:
         whole += step
         np.clip(bounds, -width, width, out=bounds)
     lead = np.zeros(blocks)
-    for k in range(1, blocks):
-        lead[k] = min(max(lead[k - 1] + moved[k - 1], low[k - 1]), high[k - 1])
+    for k in range(blocks - 1):
+        ahead = lead[k] + moved[k]
+        bounded = max(ahead, low[k])
+        lead[k + 1] = min(bounded, high[k])
     leads = np.empty((length, blocks))
     for out, step, restarts in zip(leads, own, is_first, strict=True):
         lead[restarts] = 0.0
         lead += step
         np.clip(lead, -width, width, out=lead)
         out[:] = lead
-    return leads.T.reshape(-1)[:count]
+    in_order = leads.T.reshape(-1)
+    return in_order[:count]
+
+
+def _lay_out(values: NDArray[Any], shape: tuple[int, int]) -> NDArray[Any]:
+    """Lay out the values (v,) of visits in blocks of some length: (length, blocks), filled with zeros."""
+    blocks, length = shape
+    room = blocks * length
+    missing = room - len(values)
+    margins = 0, missing
+    filled = np.pad(values, margins)
+    by_block = filled.reshape(shape)
+    return by_block.T

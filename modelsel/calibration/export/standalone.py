@@ -117,6 +117,28 @@ def derive_beam(data: Data, x: Array) -> dict[str, Array]:
     }
 
 
+def place_bodies(
+    data: Data, q: Array, o: Array, R: Array, loaded: Array
+) -> list[tuple[float, Array]]:
+    """Place the arm's masses [kg] at points (m, 3): as declared, else 1 kg at each later frame's
+    origin and where a payload hangs."""
+    n = q.shape[1]
+    if not any(data["masses"]):
+        return [(1.0, point) for point in (*o[1:n], loaded)]
+    bodies = []
+    for k in range(n):
+        reading = q[:, k]
+        moved, slide = R[k], 0.0
+        if data["prismatic"][k]:
+            slide = R[k][:, :, 2] * reading[:, None]
+        else:
+            moved = R[k] @ rotation_about(2, reading)
+        com = np.array(data["coms"][k])
+        centre = o[k] + slide + moved @ com
+        bodies.append((data["masses"][k], centre))
+    return bodies
+
+
 def derive_state(data: Data, q: Array, tool: Array) -> dict[str, Array]:
     """Derive what follows from the readings on the nominal arm: torques and moments [N m] of
     gravity, where the target is [mm]."""
@@ -137,18 +159,7 @@ def derive_state(data: Data, q: Array, tool: Array) -> dict[str, Array]:
     # what hangs at the targets hangs at their mean, whichever is measured
     middle = np.mean(list(data["tools"].values()), axis=0)
     loaded = x + R[n] @ (middle - tool)
-    bodies = [(1.0, p) for p in (*o[1:n], loaded)]
-    if any(data["masses"]):
-        bodies = []
-        for k in range(n):
-            reading = q[:, k]
-            moved, slide = R[k], 0.0
-            if prismatic[k]:
-                slide = R[k][:, :, 2] * reading[:, None]
-            else:
-                moved = R[k] @ rotation_about(2, reading)
-            com = np.array(data["coms"][k])
-            bodies.append((data["masses"][k], o[k] + slide + moved @ com))
+    bodies = place_bodies(data, q, o, R, loaded)
     down = R[n].transpose(0, 2, 1) @ g
     out |= name_axes("down_{}", down)
     whole = sum((np.cross(p / 1e3, mass * G * g) for mass, p in bodies), np.zeros((m, 3)))
