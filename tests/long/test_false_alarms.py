@@ -187,7 +187,7 @@ def test_errors_that_a_posture_shares(kind, rng) -> None:
 def test_what_is_held_back_is_said(rng) -> None:
     """Errors that last look like drift to a null of equal normal noise: not named, and why is
     said."""
-    for k in range(6):
+    for k in range(30):
         extension = said(campaign(lasts, rng)[0], k)[1]
         if not extension.effects and extension.held_back is not None:
             (note,) = uneven_noise_notes(extension)
@@ -195,7 +195,7 @@ def test_what_is_held_back_is_said(rng) -> None:
             assert extension.held_back <= LEVEL < extension.left_p
             assert f"{extension.left_p:.2g}" in note.sentence
             return
-    pytest.fail("nothing was held back in six campaigns whose errors last")
+    pytest.fail("nothing was held back in thirty campaigns whose errors last")
 
 
 def test_noise_larger_one_way_is_asked_by_signs() -> None:
