@@ -19,6 +19,8 @@ from .candidates import Candidate
 from .evidence import compute_factors, sum_evidence
 from .scan import Displacement, Response, Scan
 
+# decimals of a log probability, beyond which it is rounding
+DECIMALS = 7
 # posterior probability that a set holds, and entries of it that are listed
 CREDIBLE = 0.95
 LISTED = 20
@@ -112,7 +114,8 @@ class Question:
             log_probability = joint - value
         probability = np.exp(log_probability)
         probability /= max(probability.sum(), np.finfo(float).tiny)
-        order = np.argsort(-probability, kind="stable")
+        # of explanations that are the same but for rounding, the first
+        order = np.argsort(-np.round(log_probability, DECIMALS), kind="stable")
         cumulative = np.cumsum(probability[order])
         size = int(np.searchsorted(cumulative, CREDIBLE) + 1)
         count = min(max(size, 1), LISTED)

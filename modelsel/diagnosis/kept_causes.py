@@ -10,7 +10,8 @@ import numpy as np
 
 from .._typing import Array
 from ..fitting.problem import Problem
-from ..mechanisms.causes import ARITHMETIC, Applied, Cause, Combined, State
+from ..mechanisms.causes import ARITHMETIC, Applied, Cause, Combined
+from ..mechanisms.phasors import Phasors
 
 # room for causes that come later, as a share of those that are there, and at least: memory that
 # nothing is written to is not used
@@ -78,14 +79,15 @@ def evaluate_everywhere(
     problem: Problem, causes: Sequence[Cause], out: Array | None = None
 ) -> Array:
     """Evaluate causes (u, m) at all rows, a function in several of them once, held until the last has
-    it; they are not kept by the problem, whose memory they would fill."""
+    it, and waves by their phasors; they are not kept by the problem, whose memory they would fill."""
     if out is None:
         shape = len(causes), len(problem)
         out = np.empty(shape)
     known: dict[Cause, Array | float] = {}
+    phasors = Phasors(problem.state)
     uses = Counter(function for cause in causes for function in _list_functions(cause))
     for row, cause in zip(out, causes, strict=True):
-        row[:] = _evaluate(cause, problem.state, known)
+        row[:] = _evaluate(cause, phasors, known)
         for function in _list_functions(cause):
             uses[function] -= 1
             if not uses[function]:
@@ -102,17 +104,17 @@ def _list_functions(cause: Cause) -> Iterator[Applied]:
         yield cause
 
 
-def _evaluate(cause: Cause, state: State, known: dict[Cause, Array | float]) -> Array | float:
+def _evaluate(cause: Cause, phasors: Phasors, known: dict[Cause, Array | float]) -> Array | float:
     """Evaluate a cause at all rows; values of functions are kept in `known`."""
     if isinstance(cause, Combined):
-        left = _evaluate(cause.left, state, known)
-        right = _evaluate(cause.right, state, known)
+        left = _evaluate(cause.left, phasors, known)
+        right = _evaluate(cause.right, phasors, known)
         operate = ARITHMETIC[cause.operator]
         value: Array | float = operate(left, right)
         return value
     if not isinstance(cause, Applied):
-        return cause.of(state)
+        return cause.of(phasors.state)
     if cause not in known:
-        values = cause.of(state)
-        known[cause] = values
+        wave = phasors.evaluate(cause)
+        known[cause] = cause.of(phasors.state) if wave is None else wave
     return known[cause]

@@ -27,6 +27,7 @@ from .checks import add_alarms_to_errors
 from .own_causes import build_own_mechanisms
 from .untested_candidates import refuse_unseen, require_causes
 
+SAME = 1 - 1e-9  # share of the largest F from which rounding may be what is left of it
 NOMINAL = ("nominal",)  # names of the model without any mechanism
 
 
@@ -153,7 +154,8 @@ def rehearse_base(study: Study, split: Split, notes: Sequence[Note], registry: R
 def choose_constants(candidates: Sequence[Candidate], single_f: Array) -> dict[str, Mechanism]:
     """Return the best mechanism of every registered name that has several constants.
 
-    Best is the largest F (`single_f`, one per candidate) of the mechanism alone beyond the base.
+    Best is the largest F (`single_f`, one per candidate) of the mechanism alone beyond the base, the
+    first of those that differ by rounding.
     """
     variants: dict[str, list[int]] = {}
     for k, candidate in enumerate(candidates):
@@ -165,7 +167,8 @@ def choose_constants(candidates: Sequence[Candidate], single_f: Array) -> dict[s
     for name, numbers in variants.items():
         if len(numbers) < 2:
             continue
-        strongest = max(numbers, key=lambda k: single_f[k])
+        largest = max(single_f[k] for k in numbers)
+        strongest = next(k for k in numbers if single_f[k] >= SAME * largest)
         candidate = candidates[strongest]
         best[name] = candidate.mechanism
     return best
