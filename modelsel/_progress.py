@@ -156,7 +156,8 @@ def follow(
     check_function("say", say, "a function that takes a line of text")
     check_type("progress", progress, (bool, type(None)), "True or False")
     if progress is None:
-        progress = say is None and find_notebook() is None and is_terminal(sys.stderr)
+        is_unheard = say is None and find_notebook() is None
+        progress = is_unheard and is_terminal(sys.stderr)
     if progress:
         return show_progress(steps)
     listener: Say = keep_silent if say is None else say

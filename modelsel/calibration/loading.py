@@ -253,7 +253,8 @@ def _check_estimates(record: CalibrationRecord, model: Model) -> None:
 
 def _check_standard_errors(record: CalibrationRecord, standard_errors: Array) -> None:
     """Raise ValueError where the standard errors are not those of the covariance factor."""
-    stored = [estimate.standard_error for estimate in record.estimates]
+    estimates = record.estimates
+    stored = [estimate.standard_error for estimate in estimates]
     agree = np.allclose(stored, standard_errors, rtol=RELATIVE_TOLERANCE, atol=0)
     if not agree:
         raise ValueError("its standard errors are not those of its covariance_factor")

@@ -144,7 +144,8 @@ class Pool:
         fitted = [start.change_into(ratios) for ratios in sets]
         gains = self._weigh_others(fitted)
         weighed = []
-        for one, more in zip(fitted, gains, strict=True):
+        pairs = zip(fitted, gains, strict=True)
+        for one, more in pairs:
             value = self._weigh_one(one)
             weighed.append(Weighed(value, more))
         return weighed

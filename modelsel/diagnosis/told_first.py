@@ -107,4 +107,5 @@ def _is_one_question(own: Candidate, other: Candidate) -> bool:
     if name is None:
         both_late = is_late(own.mechanism) and is_late(other.mechanism)
         return both_late and read_drivers(other) == drivers
-    return other.registered_name == name
+    other_name = other.registered_name
+    return other_name == name

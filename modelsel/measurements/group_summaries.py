@@ -141,7 +141,8 @@ def _split_runs(labels: Mapping[int, str]) -> list[Index]:
     steps = np.diff(rows)
     is_break = steps > 1
     breaks = np.flatnonzero(is_break)
-    return np.split(rows, breaks + 1)
+    firsts = breaks + 1
+    return np.split(rows, firsts)
 
 
 def _sums_up(label: str, row: Array, above: Array) -> bool:

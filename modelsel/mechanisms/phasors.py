@@ -40,25 +40,28 @@ class Phasors:
 
     def _multiply(self, multiples: dict[str, int]) -> Phasor:
         """Multiply the phasors (m,) of some names, each to the power of its multiple."""
-        first, *others = multiples.items()
-        product = self._raise(*first)
-        for name, count in others:
-            product = product * self._raise(name, count)
+        phasors = [self._raise(name, count) for name, count in multiples.items()]
+        product = phasors[0]
+        for other in phasors[1:]:
+            product = product * other
         return product
 
     def _raise(self, name: str, count: int) -> Phasor:
         """Raise the phasor of a name to a whole power, by its halves."""
-        known = self._powers.get((name, count))
-        if known is not None:
-            return known
-        if count < 0:
-            power = self._raise(name, -count).conj()
-        elif count == 1:
-            power = np.exp(1j * self.state.value(name))
+        key = name, count
+        if key in self._powers:
+            return self._powers[key]
+        if count == 1:
+            angle = self.state.value(name)
+            power: Phasor = np.exp(1j * angle)
+        elif count < 0:
+            opposite = self._raise(name, -count)
+            power = opposite.conj()
         else:
             half = count // 2
-            power = self._raise(name, half) * self._raise(name, count - half)
-        self._powers[name, count] = power
+            rest = count - half
+            power = self._raise(name, half) * self._raise(name, rest)
+        self._powers[key] = power
         return power
 
 
@@ -70,11 +73,20 @@ def _add_multiples(argument: Cause) -> dict[str, int] | None:
         if term is None:
             return None
         name, count = term
-        total[name] = total.get(name, 0.0) + count
-    is_whole = all(count.is_integer() and 0 < abs(count) <= MOST_WAVES for count in total.values())
-    if not total or not is_whole:
+        before = total.get(name, 0.0)
+        total[name] = before + count
+    counts = total.values()
+    are_whole = all(map(_is_whole, counts))
+    if not total or not are_whole:
         return None
     return {name: int(count) for name, count in total.items()}
+
+
+def _is_whole(count: float) -> bool:
+    """Return whether a count is a whole number of waves, not zero and not too many."""
+    size = abs(count)
+    is_some = 0 < size <= MOST_WAVES
+    return is_some and size.is_integer()
 
 
 def _list_multiples(cause: Cause, factor: float) -> Iterator[tuple[str, float] | None]:
@@ -85,8 +97,8 @@ def _list_multiples(cause: Cause, factor: float) -> Iterator[tuple[str, float] |
         yield None
     elif cause.operator in "+-":
         yield from _list_multiples(cause.left, factor)
-        sign = 1.0 if cause.operator == "+" else -1.0
-        yield from _list_multiples(cause.right, sign * factor)
+        other = factor if cause.operator == "+" else -factor
+        yield from _list_multiples(cause.right, other)
     elif cause.operator == "*" and isinstance(cause.left, Number):
         yield from _list_multiples(cause.right, factor * cause.left.number)
     else:

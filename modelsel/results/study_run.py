@@ -88,7 +88,8 @@ class StudyRun:
     provenance: Mapping[str, str]
 
     def __repr__(self) -> str:
-        count = len(self.diagnosis.findings)
+        found = self.diagnosis.findings
+        count = len(found)
         findings = count_words(count, "finding")
         study = self.study.name
         quoted = repr(study)

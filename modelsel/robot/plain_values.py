@@ -90,7 +90,8 @@ def hash_robot(robot: Robot) -> str:
 def _round(value: Any) -> Any:
     """Round all numbers of a record."""
     if isinstance(value, float):
-        return round(value, DECIMALS) + 0.0  # no negative zero
+        rounded = round(value, DECIMALS)
+        return rounded + 0.0  # no negative zero
     if isinstance(value, list):
         return [_round(one) for one in value]
     if isinstance(value, dict):

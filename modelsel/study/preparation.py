@@ -169,7 +169,8 @@ def _check_plausible(study: Study, problem: Problem, setup_notes: Sequence[Note]
     """
     residual = residuals(problem)
     positions = residual[:, POSITION]
-    explained = any(note.code in FAR_CODES for note in setup_notes)
+    codes = {note.code for note in setup_notes}
+    explained = not codes.isdisjoint(FAR_CODES)
     what = describe_implausible_distance(positions, problem.reach_mm, explained=explained)
     if what is None:
         return

@@ -180,12 +180,13 @@ def _describe_left_out(count: int) -> str:
 
 def _renumber_targets(data: Measurements, known: Index) -> Measurements:
     """Number targets by their place among the `known` ones."""
+    listed = data.targets
     names = []
     for number in known:
-        name = data.targets[number]
+        name = listed[number]
         names.append(name)
     target = np.searchsorted(known, data.target)
-    return replace(data, target=target, targets=tuple(names), listed_targets=data.targets)
+    return replace(data, target=target, targets=tuple(names), listed_targets=listed)
 
 
 def drop_unknown_features(
