@@ -33,8 +33,9 @@ def leave_out_instrument(c: Calibration) -> Calibration:
 
 
 def describe_left_out_instrument(c: Calibration) -> list[str]:
-    """Describe which errors of the instrument commands do not correct."""
-    names = list_instrument_names(c)
+    """Describe which errors of the instrument commands do not correct; what may be the arm's as well is
+    described by `describe_other_sides`."""
+    names = [name for name in list_instrument_names(c) if name not in c.other_sides]
     if not names:
         return []
     listed = sentence_list(names)

@@ -33,6 +33,7 @@ from ..selection.evaluation import Split
 from .assumed_values import add_assumed
 from .estimation_rows import EstimationRows
 from .known_names import LABEL_NAMES, check_groups, check_targets, match_names
+from .other_sides import OtherSide
 from .refitting import Refits, part_of
 
 if TYPE_CHECKING:
@@ -78,6 +79,7 @@ class Calibration:
         form: how the study reads its measurements file.
         doubtful: names of the mechanisms with which the held-out error does not fall.
         estimation_rows: the measurements that it was estimated from, to know them again.
+        other_sides: what of the arm may be the instrument's and the reverse, by mechanism.
     """
 
     study: str
@@ -103,6 +105,7 @@ class Calibration:
     held_out_ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     estimation_rows: EstimationRows = field(default_factory=EstimationRows)
     held_out_model_mm: float | None = None
+    other_sides: Mapping[str, OtherSide] = field(default_factory=dict)
 
     @property
     def terms(self) -> tuple[Term, ...]:

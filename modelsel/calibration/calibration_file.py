@@ -102,6 +102,8 @@ def calibration_record(c: Calibration) -> dict[str, Any]:
     if c.estimation_rows.count:
         rows = c.estimation_rows
         record["estimation_rows"] = {"count": rows.count, "codes": rows.text}
+    if c.other_sides:
+        record["other_sides"] = {name: one._asdict() for name, one in c.other_sides.items()}
     form = c.form
     if not form.is_plain:
         columns = dict(form.columns)

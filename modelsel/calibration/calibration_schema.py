@@ -147,6 +147,14 @@ class EstimationRowsRecord(StrictRecord):
     codes: Annotated[str, Field(max_length=MAX_FILE_BYTES)]
 
 
+class OtherSideRecord(StrictRecord):
+    """What may be true in the place of a mechanism: of the instrument for the arm's, or the reverse."""
+
+    label: Text
+    share: Annotated[Number, Field(ge=0, le=1)]
+    rms_mm: Length
+
+
 class CalibrationRecord(StrictRecord):
     """calibration.json: the nominal robot, its set-up and all fitted screws."""
 
@@ -172,6 +180,7 @@ class CalibrationRecord(StrictRecord):
     held_out_ranges: dict[Text, Pair] = Field(default_factory=dict)
     estimation_rows: EstimationRowsRecord | None = None
     held_out_model_mm: Length | None = None
+    other_sides: dict[Text, OtherSideRecord] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _check_names(self) -> CalibrationRecord:

@@ -35,6 +35,7 @@ from .command_notes import (
 from .commands_table import build_commands_table, find_carried_columns
 from .expected_noise import describe_other_noise, expect_noise
 from .large_changes import check_bound, find_weakest, refuse_large_changes
+from .other_sides import count_other_sides, describe_other_sides
 from .prediction import compute_pose, compute_sensitivities, predict, to_tracker_frame
 
 if TYPE_CHECKING:
@@ -59,8 +60,8 @@ class Commands:
     (m, 3) in the tracker's frame;
     `before_mm` the error of the nominal command, `left_mm` what the corrected one leaves on the
     calibrated model, `model_mm` the standard uncertainty of that model there (length),
-    `expected_mm` the root of the sum of squares of the two, of the measuring noise and of half the
-    play where a direction of approach is unknown; `before_rad`
+    `expected_mm` the root of the sum of squares of the two, of the measuring noise, of half the
+    play where a direction of approach is unknown, and of what may be the instrument's; `before_rad`
     and `left_rad` the same of wanted orientations, None without, and `model_rad`, None also where the
     study measured no orientations and cannot know it; `beyond` (m, n) commands beyond a
     joint's limits; `weakest` (m,) [rad/mm]: of `find_weakest`; `noise_mm`: the noise of one coordinate
@@ -243,6 +244,7 @@ def _summarise_commands(
     sigma, _ = expect_noise(c, factors[:, :3])
     noise = 3 * sigma**2
     unknown = _compute_unknown_approach(c, there)
+    unknown += count_other_sides(c.other_sides)
     expected_square = left_mm**2 + model_mm**2 + noise + unknown
     expected_mm = np.sqrt(expected_square)
     before_rad = left_rad = model_rad = None
@@ -335,6 +337,7 @@ def note_commands(c: Calibration, commands: Commands, data: Measurements) -> lis
     """List what to note about planned commands and their correction."""
     return [
         *describe_left_out_instrument(c),
+        *describe_other_sides(c),
         *describe_extrapolation(c, data),
         *describe_order_dependence(c, data),
         *describe_other_noise(c, commands.noise_mm),

@@ -28,6 +28,7 @@ from .calibration_file import CALIBRATION_FILE
 from .calibration_schema import SCHEMA_VERSION, CalibrationRecord, NoiseFloorRecord
 from .estimation_rows import EstimationRows
 from .known_names import LABEL_NAMES
+from .other_sides import OtherSide
 from .refitting import Refits, refits_of
 
 REPORTS = "reports"  # where `modelsel study` writes by default
@@ -149,10 +150,17 @@ def _restore(record: CalibrationRecord) -> Calibration:
         held_out_ranges={name: (low, high) for name, (low, high) in record.held_out_ranges.items()},
         estimation_rows=_restore_estimation_rows(record),
         held_out_model_mm=record.held_out_model_mm,
+        other_sides=_restore_other_sides(record),
     )
     _check_standard_errors(record, calibration.standard_errors)
     _check_screws(record, model)
     return calibration
+
+
+def _restore_other_sides(record: CalibrationRecord) -> dict[str, OtherSide]:
+    """Return what may be an error of the other side, by mechanism."""
+    sides = record.other_sides.items()
+    return {name: OtherSide(one.label, one.share, one.rms_mm) for name, one in sides}
 
 
 def _restore_estimation_rows(record: CalibrationRecord) -> EstimationRows:

@@ -30,6 +30,7 @@ from ..results.tables import TABLES, write_notebook_page
 from ..robot.kinematics import Robot
 from ..selection.evaluation import Split
 from ..uncertainty.summary import Confidence
+from .arm_or_instrument import find_other_sides
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -230,6 +231,13 @@ def _calibrate(run: StudyRun) -> Calibration:
     doubtful = [one.effect.candidate for one in findings if one.doubtful]
     names = tuple(candidate.mechanism.name for candidate in doubtful)
     model_mm = measure_held_out_uncertainty(calibration, run.split)
+    effects = [one.effect for one in findings]
+    sides = find_other_sides(effects, run.split.training)
     return replace(
-        calibration, refits=refits, form=form, doubtful=names, held_out_model_mm=model_mm
+        calibration,
+        refits=refits,
+        form=form,
+        doubtful=names,
+        held_out_model_mm=model_mm,
+        other_sides=sides,
     )

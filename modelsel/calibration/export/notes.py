@@ -12,6 +12,7 @@ from ...measurements.reference_temperature import TEMPERATURE
 from ...mechanisms.environment import find_references
 from ..arm_alone import list_instrument_names
 from ..late_effects import describe_unknown_history
+from ..other_sides import describe_other_sides
 from ..refitting import select_carried
 
 if TYPE_CHECKING:
@@ -43,16 +44,18 @@ def list_notes(c: Calibration, what: str, geometry: bool) -> tuple[str, ...]:
 
 
 def describe_instrument(c: Calibration) -> tuple[str, ...]:
-    """Describe which errors of the instrument a file does not have; nothing where none were found."""
-    names = list_instrument_names(c)
+    """Describe which errors of the instrument a file does not have, and what may be the arm's or the
+    instrument's; nothing where none were found."""
+    either = tuple(sentence.rstrip(".") for sentence in describe_other_sides(c))
+    names = [name for name in list_instrument_names(c) if name not in c.other_sides]
     if not names:
-        return ()
+        return either
     what, them = ("is an error", "it") if len(names) == 1 else ("are errors", "them")
     sentence = (
         f"{sentence_list(names)} {what} of the instrument, not of the arm: the file is without {them}, as "
         "are the measurements that it is compared with"
     )
-    return (sentence,)
+    return sentence, *either
 
 
 def find_group(c: Calibration) -> str | None:
