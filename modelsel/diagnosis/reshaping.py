@@ -44,10 +44,16 @@ def improve_shapes(explored: Exploration, joints: Collection[int]) -> Exploratio
 def look_closer(explored: Exploration, joints: Collection[int]) -> Exploration:
     """Go on with waves of two readings, functions of any shape and hysteresis at some joints, where one of
     these is the strongest explanation of what is left, beyond chance."""
-    search, progress = explored.search, explored.progress
-    more = _list_more(search, joints)
+    more = _list_more(explored.search, joints)
     if not more:
         return explored
+    return go_on_with(explored, more)
+
+
+def go_on_with(explored: Exploration, more: Sequence[Candidate]) -> Exploration:
+    """Go on with further candidates, where one of them is the strongest explanation of what is left,
+    beyond chance."""
+    search, progress = explored.search, explored.progress
     offered = search.offer(more)
     start, chosen = progress.view.fitted, list(progress.chosen)
     view = offered.try_fit(chosen, start) if chosen else offered.first

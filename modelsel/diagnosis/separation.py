@@ -34,6 +34,7 @@ from .candidates import Candidate
 from .conclusion import conclude, prove
 from .driver_functions import IN_TIME
 from .effects import Effect
+from .high_waves import find_high_waves
 from .kept_causes import KeptCauses
 from .options import DiagnosisOptions
 from .outcome import Diagnosis, build_empty
@@ -105,7 +106,7 @@ class _Explanation(NamedTuple):
 @dataclass(frozen=True)
 class _Separation:
     """What a separation works on: the rows, the candidates, the possible parts of the errors, and the base
-    fitted to the rows as they are stated."""
+    fitted to the rows as they are stated; `waves`: high ones that a search was offered and has found."""
 
     split: Split
     inquiry: Inquiry
@@ -113,6 +114,7 @@ class _Separation:
     parts: tuple[PossiblePart, ...]
     base_fit: Fit
     causes: KeptCauses = field(default_factory=KeptCauses, repr=False)
+    waves: dict[Candidate, None] = field(default_factory=dict, repr=False)
 
     def find_parts(
         self, fitted: Fit, *unsure: str, before: ErrorStructure | None = None
@@ -125,15 +127,22 @@ class _Separation:
 
     def search(self, given: ErrorStructure, known: tuple[Candidate, ...] = ()) -> _Explanation:
         """Search for effects given parts of the errors, starting from the known effects."""
-        weighed = replace(self.split, problem=given.whiten(self.split.problem))
-        training, base_fit = weighed.training, self.base_fit
+        training, base_fit = self._weigh(given), self.base_fit
         if given.shared:
             base_fit = fit(training, self.inquiry.base, start=base_fit.theta)
-        prepared = self.inquiry.search(training, self.found, known, self.causes, base_fit)
+        found = (*self.found, *self.waves)
+        prepared = self.inquiry.search(training, found, known, self.causes, base_fit)
         explored = explore(prepared, known, self.inquiry.say)
+        explored, waves = find_high_waves(explored, self._weigh(given.of_instrument()))
+        self.waves.update(dict.fromkeys(waves))
         left = self.find_parts(explored.fitted, before=given)
         criterion = self._judge(explored.chosen, explored.fitted, left)
         return _Explanation(explored, given, left, criterion)
+
+    def _weigh(self, errors: ErrorStructure) -> Problem:
+        """Weigh the rows that the search uses by some parts of their errors."""
+        weighed = replace(self.split, problem=errors.whiten(self.split.problem))
+        return weighed.training
 
     def _judge(self, chosen: Sequence[Candidate], fitted: Fit, left: ErrorStructure) -> float:
         log_prior = sum(float(np.log(candidate.prior)) for candidate in chosen)

@@ -22,6 +22,8 @@ RIPPLING_PARTS = (
 )
 # waves a turn that gear ripple is scanned over
 WAVES = tuple(range(3, 61))
+# and higher ones, which are screened: two a turn of its motor, by strain-wave gears of up to 165 to 1
+HIGH_WAVES = tuple(range(61, 331))
 
 
 def list_waves(robot: Robot, joint: int, ratios: Sequence[float] = ()) -> tuple[float, ...]:

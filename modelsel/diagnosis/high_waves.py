@@ -1,0 +1,183 @@
+"""Waves of the drives beyond those that every search offers: 61 to 330 a turn.
+
+Strain-wave gears err twice a turn of their motor, which is 100 to 320 times a turn of the joint, and a
+large gear has as many teeth. As candidates of every search such waves would double the columns, and
+take their share of the prior. So what a search has left is screened for them (`wave_screen`), given the
+errors of the instrument alone: as part of a joint that does not repeat, a wave would be explained
+away. Where one is beyond chance, the best few numbers are offered, and the search goes on with them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from .._typing import Array
+from ..fitting.problem import Problem
+from ..mechanisms.drives import HIGH_WAVES, gear_ripple
+from ..mechanisms.motors import is_coupled
+from ..mechanisms.terms import Mechanism
+from ..mechanisms.waves import find_common_wave
+from .candidate_kinds import CandidateKind
+from .candidates import Candidate, find_cell_prior
+from .reshaping import go_on_with
+from .stepwise import Exploration
+from .unregistered import RARE_WEIGHT, build_wave
+from .wave_aliases import list_aliases
+from .wave_screen import Counts, Remains, see_remains
+
+RIPPLE = "gear-ripple"
+# numbers that are screened: whole ones, and halves between, of gears ahead of the joint
+STEP = 0.5
+FIRST, LAST = HIGH_WAVES[0], HIGH_WAVES[-1]
+STEPS = round((LAST - FIRST) / STEP)
+SCREENED = Counts(float(FIRST), STEP, STEPS + 1)
+# how often chance alone lets any of all waves of all drives pass the screen
+LEVEL = 0.01
+# numbers beside the best one that are offered: so far off, at such distances
+AROUND, QUARTER = 1.0, 0.25
+# log odds against the best number up to which others are offered, and how many of these at most
+COMPARABLE, MOST_OTHERS = 12.0, 8
+# differences of log odds that are rounding
+ROUNDING = 1e-6
+# waves that are looked for one after the other
+MOST_WAVES = 8
+
+
+class _Ripple(NamedTuple):
+    """A drive whose ripple is scanned: one of its candidates, and the prior probability of all of them."""
+
+    one: Candidate
+    prior: float
+
+
+def find_high_waves(
+    explored: Exploration, problem: Problem
+) -> tuple[Exploration, tuple[Candidate, ...]]:
+    """Go on with the high waves that a search has left, one after the other.
+
+    `problem`: that of the search, weighed by the errors of the instrument alone. Returns the search, and
+    what it was offered: nothing where it has found none of it."""
+    offered: list[Candidate] = []
+    for _ in range(MOST_WAVES):
+        more = list_high_waves(explored, problem)
+        if not more:
+            break
+        further = go_on_with(explored, more)
+        if not set(more) & set(further.chosen):
+            break
+        explored = further
+        offered += more
+    return explored, tuple(offered)
+
+
+def list_high_waves(explored: Exploration, problem: Problem) -> list[Candidate]:
+    """List the high waves that explain more of what a search has left than chance would, as candidates.
+
+    With J drives and K numbers each, J K waves are tried: one is beyond chance where so much is explained
+    with a probability of less than LEVEL / (J K), so that any of them is by chance in less than LEVEL of
+    all searches (Bonferroni's bound; neighbouring numbers hardly differ, so that it is far less). That
+    holds for independent, equally normal errors; whether a wave is named, the search decides by its own
+    rules. Drives whose ripple is not scanned are left out; so are all where distances are measured
+    between two configurations, where a turn of the drive has two readings in one row."""
+    search = explored.search
+    ripples = find_ripples(problem, search.candidates)
+    if not ripples or problem.origin is not None:
+        return []
+    drives = list(ripples)
+    remains = see_remains(problem, explored.fitted, drives)
+    if remains is None:
+        return []
+    known = {candidate.mechanism for candidate in search.candidates}
+    cell = find_cell_prior(search.candidates)
+    more: list[Candidate] = []
+    for joint, chance in zip(drives, _screen(remains), strict=True):
+        for number in _choose_numbers(problem, joint, chance):
+            candidate = _build_candidate(problem, joint, number, ripples[joint], cell)
+            if candidate.prior and candidate.mechanism not in known:
+                more.append(candidate)
+    return more
+
+
+def _screen(remains: Remains) -> Iterator[Array]:
+    """Screen the waves of every drive: what chance has to do with each (K,), 0 where that may be all."""
+    tried = len(remains.angles) * SCREENED.number
+    bound = np.log(LEVEL / tried)
+    for drive in range(len(remains.angles)):
+        yield remains.compute_chance(drive, SCREENED, bound)
+
+
+def find_ripples(problem: Problem, found: Sequence[Candidate]) -> Mapping[int, _Ripple]:
+    """Find the drives whose ripple is scanned: with more than one number, as the built-in mechanism."""
+    ripples: dict[int, _Ripple] = {}
+    counts: dict[int, int] = {}
+    for one in found:
+        joint = _find_rippling(problem, one)
+        if not joint:
+            continue
+        counts[joint] = counts.get(joint, 0) + 1
+        before = ripples.get(joint, _Ripple(one, 0.0))
+        ripples[joint] = before._replace(prior=before.prior + one.prior)
+    return {joint: own for joint, own in ripples.items() if counts[joint] > 1}
+
+
+def _find_rippling(problem: Problem, one: Candidate) -> int:
+    """Find the drive of which a candidate is a ripple as it is built in; 0 of any other."""
+    mechanism = one.mechanism
+    if not one.registered or mechanism.stem != RIPPLE:
+        return 0
+    causes = [term.screws[0].cause for term in mechanism.terms]
+    wave = find_common_wave(causes)
+    _, _, joint = mechanism.name.partition(":")
+    if wave is None or not joint.isdecimal():
+        return 0
+    number = int(joint)
+    _, count = wave
+    if count > LAST or mechanism != gear_ripple(problem.robot, number, count):
+        return 0
+    return number
+
+
+def _choose_numbers(problem: Problem, joint: int, chance: Array) -> list[float]:
+    """Choose the numbers that are offered: the best one and those around it, and others that explain
+    nearly as much, but for those that do the same at these readings. Of these the lowest is told, with the
+    others' numbers."""
+    best = float(chance.min())
+    if not best:
+        return []
+    numbers = SCREENED.values
+    is_best = chance <= best * (1 - ROUNDING)
+    top = float(numbers[is_best][0])
+    around = np.arange(top - AROUND, top + AROUND + QUARTER, QUARTER)
+    inside = around[(around >= FIRST) & (around <= LAST)]
+    whole = round(top)
+    alike = {whole, *list_aliases(problem, _build_ripple(problem, joint, whole))}
+    others: list[float] = []
+    for k in np.argsort(chance, kind="stable"):
+        number = float(numbers[k])
+        is_near = abs(number - top) <= AROUND
+        if chance[k] > best + COMPARABLE or len(others) == MOST_OTHERS:
+            break
+        if not is_near and number.is_integer() and number not in alike:
+            others.append(number)
+    return [*inside.tolist(), *others]
+
+
+def _build_ripple(problem: Problem, joint: int, number: float) -> Candidate:
+    mechanism = gear_ripple(problem.robot, joint, number)
+    return Candidate(mechanism, CandidateKind.MECHANISM, 0.0)
+
+
+def _build_candidate(
+    problem: Problem, joint: int, number: float, ripple: _Ripple, cell: float
+) -> Candidate:
+    """Build the candidate of a drive's wave. The whole numbers share as much as the name of the ripple
+    has beside them, all that were screened alike; those between weigh as lower ones do."""
+    if number.is_integer():
+        mechanism: Mechanism = gear_ripple(problem.robot, joint, int(number))
+        prior = ripple.prior / len(HIGH_WAVES)
+        return replace(ripple.one, mechanism=mechanism, prior=prior)
+    prior = 0.0 if is_coupled(problem.robot, joint) else cell * RARE_WEIGHT
+    return Candidate(build_wave(joint, number), CandidateKind.JOINT_WAVE, prior)
