@@ -8,7 +8,7 @@ away. Where one is beyond chance, the best few numbers are offered, and the sear
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -16,7 +16,7 @@ import numpy as np
 
 from .._typing import Array
 from ..fitting.problem import Problem
-from ..mechanisms.drives import HIGH_WAVES, gear_ripple
+from ..mechanisms.drives import HIGH_WAVES, WAVES, gear_ripple
 from ..mechanisms.motors import is_coupled
 from ..mechanisms.terms import Mechanism
 from ..mechanisms.waves import find_common_wave
@@ -26,7 +26,7 @@ from .reshaping import go_on_with
 from .stepwise import Exploration
 from .unregistered import RARE_WEIGHT, build_wave
 from .wave_aliases import list_aliases
-from .wave_screen import Counts, Remains, see_remains
+from .wave_screen import Counts, see_remains
 
 RIPPLE = "gear-ripple"
 # numbers that are screened: whole ones, and halves between, of gears ahead of the joint
@@ -80,20 +80,21 @@ def list_high_waves(explored: Exploration, problem: Problem) -> list[Candidate]:
     with a probability of less than LEVEL / (J K), so that any of them is by chance in less than LEVEL of
     all searches (Bonferroni's bound; neighbouring numbers hardly differ, so that it is far less). That
     holds for independent, equally normal errors; whether a wave is named, the search decides by its own
-    rules. Drives whose ripple is not scanned are left out; so are all where distances are measured
-    between two configurations, where a turn of the drive has two readings in one row."""
+    rules. Nor is a wave offered that explains less than a tenth of what is left along its drive's motion:
+    the noise would hardly be less, and many rows show some beyond chance wherever a model errs a little.
+    Drives whose ripple is not scanned are left out; so are all where distances are measured between two
+    configurations, where a turn of the drive has two readings in one row."""
     search = explored.search
     ripples = find_ripples(problem, search.candidates)
     if not ripples or problem.origin is not None:
         return []
-    drives = list(ripples)
-    remains = see_remains(problem, explored.fitted, drives)
-    if remains is None:
-        return []
+    remains = see_remains(problem, explored.fitted, list(ripples))
     known = {candidate.mechanism for candidate in search.candidates}
     cell = find_cell_prior(search.candidates)
+    tried = len(remains) * SCREENED.number
     more: list[Candidate] = []
-    for joint, chance in zip(drives, _screen(remains), strict=True):
+    for joint, own in remains.items():
+        chance = own.compute_chance(SCREENED, np.log(LEVEL / tried))
         for number in _choose_numbers(problem, joint, chance):
             candidate = _build_candidate(problem, joint, number, ripples[joint], cell)
             if candidate.prior and candidate.mechanism not in known:
@@ -101,43 +102,33 @@ def list_high_waves(explored: Exploration, problem: Problem) -> list[Candidate]:
     return more
 
 
-def _screen(remains: Remains) -> Iterator[Array]:
-    """Screen the waves of every drive: what chance has to do with each (K,), 0 where that may be all."""
-    tried = len(remains.angles) * SCREENED.number
-    bound = np.log(LEVEL / tried)
-    for drive in range(len(remains.angles)):
-        yield remains.compute_chance(drive, SCREENED, bound)
-
-
 def find_ripples(problem: Problem, found: Sequence[Candidate]) -> Mapping[int, _Ripple]:
     """Find the drives whose ripple is scanned: with more than one number, as the built-in mechanism."""
-    ripples: dict[int, _Ripple] = {}
-    counts: dict[int, int] = {}
+    by_name: dict[str, list[Candidate]] = {}
     for one in found:
-        joint = _find_rippling(problem, one)
-        if not joint:
-            continue
-        counts[joint] = counts.get(joint, 0) + 1
-        before = ripples.get(joint, _Ripple(one, 0.0))
-        ripples[joint] = before._replace(prior=before.prior + one.prior)
-    return {joint: own for joint, own in ripples.items() if counts[joint] > 1}
+        if one.registered and one.mechanism.stem == RIPPLE:
+            name = one.mechanism.name
+            by_name.setdefault(name, []).append(one)
+    ripples: dict[int, _Ripple] = {}
+    for own in by_name.values():
+        joint = _find_rippling(problem, own[0])
+        if joint and len(own) > 1:
+            prior = sum(one.prior for one in own)
+            ripples[joint] = _Ripple(own[0], prior)
+    return ripples
 
 
 def _find_rippling(problem: Problem, one: Candidate) -> int:
     """Find the drive of which a candidate is a ripple as it is built in; 0 of any other."""
     mechanism = one.mechanism
-    if not one.registered or mechanism.stem != RIPPLE:
-        return 0
     causes = [term.screws[0].cause for term in mechanism.terms]
     wave = find_common_wave(causes)
     _, _, joint = mechanism.name.partition(":")
     if wave is None or not joint.isdecimal():
         return 0
-    number = int(joint)
     _, count = wave
-    if count > LAST or mechanism != gear_ripple(problem.robot, number, count):
-        return 0
-    return number
+    built = gear_ripple(problem.robot, int(joint), count)
+    return int(joint) if mechanism == built else 0
 
 
 def _choose_numbers(problem: Problem, joint: int, chance: Array) -> list[float]:
@@ -174,10 +165,12 @@ def _build_candidate(
     problem: Problem, joint: int, number: float, ripple: _Ripple, cell: float
 ) -> Candidate:
     """Build the candidate of a drive's wave. The whole numbers share as much as the name of the ripple
-    has beside them, all that were screened alike; those between weigh as lower ones do."""
+    has beside them, and those between weigh as much less as lower ones do."""
     if number.is_integer():
         mechanism: Mechanism = gear_ripple(problem.robot, joint, int(number))
         prior = ripple.prior / len(HIGH_WAVES)
         return replace(ripple.one, mechanism=mechanism, prior=prior)
-    prior = 0.0 if is_coupled(problem.robot, joint) else cell * RARE_WEIGHT
+    prior = 0.0
+    if not is_coupled(problem.robot, joint):
+        prior = cell * RARE_WEIGHT * len(WAVES) / len(HIGH_WAVES)
     return Candidate(build_wave(joint, number), CandidateKind.JOINT_WAVE, prior)

@@ -7,8 +7,7 @@ and w_i = F_i · e_i, the products of both columns with e are the imaginary and 
 exp(i θ) come from one another by doubling, so that a wave costs a product of complex numbers a row, and
 no column is built.
 
-What the model explains of a wave is taken out where that matters: of waves that may be beyond chance.
-"""
+What the model explains of a wave is taken out where that matters: of waves that may be beyond chance."""
 
 from __future__ import annotations
 
@@ -19,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .._linalg import unit_columns
+from .._linalg import TINY, unit_columns
 from .._typing import Array, Index
 from ..fitting.design import compute_design, measure_rounding
 from ..fitting.least_squares import Fit
@@ -31,8 +30,9 @@ from .row_blocks import split_range
 
 # rows whose powers are computed together
 PIECE = 512
-# share of a wave that the model leaves at least, of one that is looked for
-LEAST_LEFT = 0.25
+# share of a wave that the model leaves at least, and of the residual that the wave explains at least, of
+# one that is looked for
+LEAST_LEFT, LEAST_SHARE = 0.25, 0.1
 # determinant of a wave's Gram matrix, over its squared trace, from which both its phases are seen
 LEAST_DETERMINANT = 1e-6
 
@@ -87,65 +87,66 @@ class _Products(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Remains:
-    """What a fitted model leaves, as the drives see it.
+    """What a fitted model leaves, as one drive sees it.
 
-    `angles` (J, m): what their encoders read [rad]; `fields` (J, m, c): whitened displacement by a unit
-    turn of each; `basis` (m, c, r): orthonormal, of the model's columns; `residual` (m, c): beyond it;
-    `freedom`: coordinates less the model's rank."""
+    `angles` (m,): what its encoder reads [rad]; `squares` (m,): squared length of what a unit turn of it
+    moves the rows, whitened; `weights` (m,): product of that with the residual; `inside` (m, r): with an
+    orthonormal basis of the model's columns; `square`, `freedom`: of the residual along that motion, its
+    square and in how many directions chance has a hand."""
 
     angles: Array
-    fields: Array
-    basis: Array
-    residual: Array
-    freedom: int
+    squares: Array
+    weights: Array
+    inside: Array
+    square: float
+    freedom: float
 
-    def compute_chance(self, drive: int, counts: Counts, bound: float) -> Array:
-        """Compute (K,) the logarithm of how often chance alone lets a wave of a drive explain as much:
-        0 of those for which that is above a `bound`, or of which the model leaves too little.
+    def compute_chance(self, counts: Counts, bound: float) -> Array:
+        """Compute (K,) the logarithm of how often chance alone lets a wave of the drive explain as much:
+        0 of those for which that is above a `bound`, which explain too little, or of which the model
+        leaves too little.
 
-        Of independent, equally normal errors a wave of any phase explains the share s of ν coordinates
-        with probability (1 - s)^((ν - 2) / 2)."""
-        raw = self._multiply(drive, counts)
-        total = float(np.square(self.residual).sum())
+        Of the residual along what the drive moves, with ν degrees of freedom, independent and equally
+        normal errors let a wave of any phase explain the share s with probability (1 - s)^((ν - 2) / 2).
+        So do those of a drive that does not repeat, which have no other direction."""
+        raw = self._multiply(counts)
         most = raw.explain() / LEAST_LEFT
-        hopeful = np.flatnonzero(self._take_logarithm(most / total) <= bound)
+        hopeful = np.flatnonzero(self._take_logarithm(most) <= bound)
+        inside = self._multiply_basis(counts.values[hopeful])
+        explained = raw.take(hopeful).without(inside).explain()
+        logarithm = self._take_logarithm(explained)
+        is_small = explained < LEAST_SHARE * self.square
+        logarithm[is_small | (logarithm > bound)] = 0.0
         chance: Array = np.zeros(counts.number)
-        inside = self._multiply_basis(drive, counts.values[hopeful])
-        beyond = raw.take(hopeful).without(inside)
-        chance[hopeful] = self._take_logarithm(beyond.explain() / total)
-        chance[chance > bound] = 0.0
+        chance[hopeful] = logarithm
         return chance
 
-    def _take_logarithm(self, share: Array) -> Array:
-        left = np.maximum(1 - share, np.finfo(float).eps)
+    def _take_logarithm(self, explained: Array) -> Array:
+        left = np.maximum(1 - explained / self.square, np.finfo(float).eps)
         return np.asarray(0.5 * (self.freedom - 2) * np.log(left))
 
-    def _multiply(self, drive: int, counts: Counts) -> _Products:
+    def _multiply(self, counts: Counts) -> _Products:
         """Multiply the columns of waves with the residual and with one another."""
-        field = self.fields[drive]
-        weights = (field * self.residual).sum(1)
-        squares = np.square(field).sum(1)
         first = np.zeros(counts.number, complex)
         second = np.zeros(counts.number, complex)
-        for rows in split_range(len(weights), PIECE):
-            powers = raise_turns(self.angles[drive, rows], counts)
-            first += powers @ weights[rows]
+        for rows in split_range(len(self.angles), PIECE):
+            powers = raise_turns(self.angles[rows], counts)
+            first += powers @ self.weights[rows]
             np.square(powers, out=powers)
-            second += powers @ squares[rows]
-        whole = float(squares.sum())
+            second += powers @ self.squares[rows]
+        whole = float(self.squares.sum())
         cosines = 0.5 * (whole + second.real)
         sines = 0.5 * (whole - second.real)
         return _Products(first.real, first.imag, cosines, sines, 0.5 * second.imag)
 
-    def _multiply_basis(self, drive: int, numbers: Array) -> Complex:
+    def _multiply_basis(self, numbers: Array) -> Complex:
         """Multiply the columns of some waves with the model's basis: (K, r), cosines and sines."""
-        field = self.fields[drive]
-        inside = np.zeros((len(numbers), self.basis.shape[2]), complex)
-        for rows in split_range(len(field), PIECE):
-            weights = np.einsum("mc,mcr->mr", field[rows], self.basis[rows])
-            phases = np.outer(numbers, self.angles[drive, rows])
-            inside += np.cos(phases) @ weights
-            inside += 1j * (np.sin(phases) @ weights)
+        inside = np.zeros((len(numbers), self.inside.shape[1]), complex)
+        for rows in split_range(len(self.angles), PIECE):
+            own = self.inside[rows]
+            phases = np.outer(numbers, self.angles[rows])
+            inside += np.cos(phases) @ own
+            inside += 1j * (np.sin(phases) @ own)
         return inside
 
 
@@ -163,28 +164,47 @@ def raise_turns(angles: Array, counts: Counts) -> Complex:
     return powers
 
 
-def see_remains(problem: Problem, fitted: Fit, drives: Sequence[int]) -> Remains | None:
-    """See what a fitted model leaves of a problem, whose rows are whitened one by one; None where that is
-    rounding, or no coordinates are left beside the model.
+def see_remains(problem: Problem, fitted: Fit, drives: Sequence[int]) -> dict[int, Remains]:
+    """See what a fitted model leaves of a problem, whose rows are whitened one by one, as some drives do;
+    as none where that is rounding, or no coordinates are left beside the model.
 
     Terms that the fit shrinks take whatever they can."""
     model = [fitted.terms[k] for k in fitted.representatives]
     turned = [Term(f"drive {j}", drive_screws(problem.robot, j, ONE)) for j in drives]
     design, observed = compute_design(problem, [*model, *turned], fitted.at())
     rank = len(model)
-    freedom = problem.coordinates - rank
-    shape = (*observed.shape, rank)
-    columns = design[:, :, :rank].reshape(-1, rank)
-    basis, _ = np.linalg.qr(unit_columns(columns))
+    basis, _ = np.linalg.qr(unit_columns(design[:, :, :rank].reshape(-1, rank)))
     flat = observed.reshape(-1)
-    residual = flat - basis @ (basis.T @ flat)
-    if freedom <= 2 or np.linalg.norm(residual) <= measure_rounding(problem):
-        return None
-    readings = [problem.cause(motor_reading(problem.robot, j)) for j in drives]
+    beyond = flat - basis @ (basis.T @ flat)
+    if problem.coordinates - rank <= 2 or np.linalg.norm(beyond) <= measure_rounding(problem):
+        return {}
+    by_row = basis.reshape(*observed.shape, rank)
+    residual = beyond.reshape(observed.shape)
+    seen = {}
+    for k, j in enumerate(drives, rank):
+        own = _look_along(problem, j, design[:, :, k], by_row, residual)
+        if own.freedom > 2:
+            seen[j] = own
+    return seen
+
+
+def _look_along(
+    problem: Problem, drive: int, field: Array, basis: Array, residual: Array
+) -> Remains:
+    """Look at a residual (m, c) along what a drive moves, `field` (m, c); `basis` (m, c, r)."""
+    squares = np.square(field).sum(1)
+    weights = (field * residual).sum(1)
+    inside = np.einsum("mc,mcr->mr", field, basis)
+    is_moved = squares > TINY
+    length = squares[is_moved]
+    along = np.square(weights[is_moved]) / length
+    taken = np.square(inside[is_moved]).sum(1) / length
+    reading = problem.cause(motor_reading(problem.robot, drive))
     return Remains(
-        angles=np.array(readings),
-        fields=np.moveaxis(design[:, :, rank:], 2, 0),
-        basis=basis.reshape(shape),
-        residual=residual.reshape(observed.shape),
-        freedom=freedom,
+        angles=np.broadcast_to(reading, len(problem)),
+        squares=squares,
+        weights=weights,
+        inside=inside,
+        square=max(float(along.sum()), TINY),
+        freedom=float((1 - taken).sum()),
     )
