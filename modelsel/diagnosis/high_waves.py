@@ -8,7 +8,7 @@ away. Where one is beyond chance, the best few numbers are offered, and the sear
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -138,22 +138,29 @@ def _choose_numbers(problem: Problem, joint: int, chance: Array) -> list[float]:
     best = float(chance.min())
     if not best:
         return []
-    numbers = SCREENED.values
     is_best = chance <= best * (1 - ROUNDING)
+    numbers = SCREENED.values
     top = float(numbers[is_best][0])
     around = np.arange(top - AROUND, top + AROUND + QUARTER, QUARTER)
-    inside = around[(around >= FIRST) & (around <= LAST)]
-    whole = round(top)
-    alike = {whole, *list_aliases(problem, _build_ripple(problem, joint, whole))}
+    inside = around[(around >= FIRST) & (around <= LAST)].tolist()
+    aside = set(_list_alike(problem, joint, inside))
     others: list[float] = []
     for k in np.argsort(chance, kind="stable"):
         number = float(numbers[k])
-        is_near = abs(number - top) <= AROUND
         if chance[k] > best + COMPARABLE or len(others) == MOST_OTHERS:
             break
-        if not is_near and number.is_integer() and number not in alike:
+        if number.is_integer() and number not in aside:
             others.append(number)
-    return [*inside.tolist(), *others]
+            aside.update(_list_alike(problem, joint, [number]))
+    return [*inside, *others]
+
+
+def _list_alike(problem: Problem, joint: int, numbers: Sequence[float]) -> Iterator[float]:
+    """List some numbers of waves, and those that do the same at all readings."""
+    for number in numbers:
+        yield number
+        if number.is_integer():
+            yield from list_aliases(problem, _build_ripple(problem, joint, number))
 
 
 def _build_ripple(problem: Problem, joint: int, number: float) -> Candidate:

@@ -12,15 +12,15 @@ import numpy as np
 
 from .._typing import Array
 from ..fitting.problem import Problem
-from ..mechanisms.drives import WAVES
+from ..mechanisms.drives import HIGH_WAVES, WAVES
 from .candidates import Candidate
 from .credible_sets import ALIKE
 from .simple_shapes import find_own_wave
 from .state import Search
 
-# largest number of waves a turn that a drive makes: two a turn of its motor, by strain-wave gears of
-# up to 80 to 1
-MOST_WAVES = 160
+# largest number of waves a turn that is looked for, and the one up to which each is as likely as a lower
+# one: two a turn of its motor, by strain-wave gears of up to 80 to 1
+MOST_WAVES, USUAL_WAVES = HIGH_WAVES[-1], 160
 RIPPLE = "gear-ripple"
 TURN = 2 * np.pi
 
@@ -69,22 +69,31 @@ def weigh_aliases(search: Search, chosen: Sequence[int]) -> dict[int, float]:
     """Weigh how sure the numbers of waves are that some effects have: their prior probability among
     that of all that do the same.
 
-    Numbers that are candidates of another name are weighed as such."""
+    Numbers that are candidates of another name are weighed as such; of a wave that was screened, all are
+    alike."""
     shares = {}
     for g in chosen:
         own = search.candidates[g]
         aliases = list_aliases(search.problem, own)
         if not aliases:
             continue
-        joint, _ = find_own_wave(own.mechanism)
+        joint, count = find_own_wave(own.mechanism)
         ripple = f"{RIPPLE}:{joint}"
-        prior = max(
-            (c.prior for c in search.candidates if c.registered_name == ripple), default=0.0
-        )
-        is_ripple = own.registered_name == ripple
         last = WAVES[-1]
+        prior = own.prior
+        if count <= last:
+            priors = (c.prior for c in search.candidates if c.registered_name == ripple)
+            prior = max(priors, default=0.0)
+        is_ripple = own.registered_name == ripple
         counted = [n for n in aliases if is_ripple or n > last]
-        others = prior * len(counted)
+        weights = [_weigh_number(n) if count <= last else 1.0 for n in counted]
+        others = prior * sum(weights)
         total = own.prior + others
         shares[g] = own.prior / total
     return shares
+
+
+def _weigh_number(number: int) -> float:
+    """Weigh a number of waves beside one that is looked for in every search: as what is screened, if it is
+    higher than usual."""
+    return 1.0 if number <= USUAL_WAVES else len(WAVES) / len(HIGH_WAVES)

@@ -79,10 +79,10 @@ def set_gear_ratios(registry: Registry, ratios: Sequence[float]) -> Registry:
     turns of the motor per turn of each joint, 0 where it is not known."""
     entry = registry.get("gear-ripple")
     is_own = entry is BUILTIN["gear-ripple"]
-    if not is_own:
+    if not is_own or not isinstance(entry, Scanned):
         return registry
     waves = partial(drives.list_waves, ratios=tuple(ratios))
-    ripple = Scanned(drives.gear_ripple, waves, drives.revolute_joints)
+    ripple = replace(entry, constants=waves)
     return {**registry, "gear-ripple": ripple}
 
 

@@ -40,7 +40,8 @@ class Scanned:
     joint, constant)`, or `build(robot, constant)` where `joints` is None; naming scans the
     constants and counts them all. `range`: between which real numbers the constant may lie where it
     is one; sampling then takes it as continuous. `targets`: names of several targets, of which each may
-    move by itself, None where they are not known; `numbers`: those of the targets in their file."""
+    move by itself, None where they are not known; `numbers`: those of the targets in their file; `more`:
+    constants that a name may have beyond those that every search offers."""
 
     build: Callable[..., Mechanism]
     constants: Callable[..., tuple[float, ...]]
@@ -48,6 +49,7 @@ class Scanned:
     range: tuple[float, float] | None = None
     targets: tuple[str, ...] | None = None
     numbers: tuple[int, ...] = ()
+    more: tuple[float, ...] = ()
 
 
 Entry = Callable[[Robot], Mechanism | None] | PerJoint | Scanned
@@ -90,7 +92,9 @@ _BUILTIN: Registry = {
     "gear-eccentricity": PerJoint(drives.gear_eccentricity, drives.revolute_joints),
     "encoder-eccentricity": PerJoint(drives.encoder_eccentricity, drives.revolute_joints),
     "encoder-scale": PerJoint(drives.encoder_scale, drives.all_joints),
-    "gear-ripple": Scanned(drives.gear_ripple, drives.list_waves, drives.revolute_joints),
+    "gear-ripple": Scanned(
+        drives.gear_ripple, drives.list_waves, drives.revolute_joints, more=drives.HIGH_WAVES
+    ),
     "axis-wobble": Scanned(
         drives.axis_wobble, lambda robot, joint: (1, 2, 3), drives.revolute_joints
     ),
@@ -279,7 +283,8 @@ def _build_scanned(
     for place in places:
         values = entry.constants(robot, *place)
         if constant is not None:
-            values = tuple(value for value in values if f"{value:g}" == constant)
+            every = dict.fromkeys((*values, *entry.more))
+            values = tuple(value for value in every if f"{value:g}" == constant)
         for value in values:
             mechanism = entry.build(robot, *place, value)
             built.append(mechanism)
