@@ -27,8 +27,8 @@ HIGH_WAVES = tuple(range(61, 331))
 
 
 def list_waves(robot: Robot, joint: int, ratios: Sequence[float] = ()) -> tuple[float, ...]:
-    """List the waves a turn that a joint's gear ripple is scanned over: with the ratios of the gears
-    also one and two a turn of its motor."""
+    """List the waves a turn that a joint's gear ripple is scanned over in every search: with the ratios of the
+    gears also one and two a turn of its motor. For HIGH_WAVES the residual is only screened."""
     waves = list[float](WAVES)
     if ratios:
         ratio = ratios[joint - 1]
@@ -114,7 +114,7 @@ def encoder_eccentricity(robot: Robot, joint: int) -> Mechanism:
 
 
 def gear_ripple(robot: Robot, joint: int, waves: float) -> Mechanism:
-    """Tooth mesh and strain-wave gears: some tens of waves a turn; the number is scanned."""
+    """Tooth mesh and strain-wave gears: some tens of waves a turn, or hundreds; the number is scanned."""
     angle = motor_reading(robot, joint)
     count = f"{waves:g}"
     return Mechanism(

@@ -16,7 +16,6 @@ from ..results.repeatability import write_repeatability_lines
 from ..results.schema import StudyRecord
 from ..results.study_sentences import (
     describe_feature,
-    describe_noise_floor,
     describe_outliers,
     describe_predictable,
     describe_split,
@@ -26,6 +25,7 @@ from ..results.study_sentences import (
     write_finding_lines,
     write_sampling_sentences,
 )
+from ..results.unsure_joints import describe_noise_floor
 from .terminal_summary import summarise_study, write_closing
 from .terminal_tables import show_tables
 from .text_tables import fold_text

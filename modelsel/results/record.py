@@ -40,6 +40,7 @@ from .rounded_readings import find_rounding
 from .schema import StudyRecord
 from .study_run import Explanation, ModelSearch, StudyRun
 from .unstated_gears import find_unstated_gears
+from .unsure_joints import tell_unsure
 from .verdict import Named, NamedErrors, Noise, complete_verdict, write_verdict
 
 Values = dict[str, Any]
@@ -105,8 +106,10 @@ def _verdict(run: StudyRun, named: NamedErrors) -> tuple[str, ...]:
     """Return the sentences of the first page."""
     models, diagnosis = run.models, run.diagnosis
     nominal = models.ladder[0]
-    unrepeated = measure_unrepeated(diagnosis.search.errors, run.floor)
-    noise = Noise(run.floor, unrepeated, _measure_model(run))
+    errors = diagnosis.search.errors
+    unrepeated = measure_unrepeated(errors, run.floor)
+    unsure = tell_unsure(errors, run.floor)
+    noise = Noise(run.floor, unrepeated, _measure_model(run), unsure)
     sentences = write_verdict(
         nominal,
         models.chosen,

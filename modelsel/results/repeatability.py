@@ -339,7 +339,7 @@ def summarise_repeatability(parts: Sequence[ErrorPartRecord]) -> list[str]:
             sentence += f" {part.sentence}"
             continue
         shares.append(f"{label_part(part)} ({describe_share(part.share)})")
-        if _is_unsure(part):
+        if is_unsure(part.part, part.told_by):
             unsure.append(part.part)
     if shares:
         sentence += f" Other parts of what is left: {sentence_list(shares)}."
@@ -348,9 +348,9 @@ def summarise_repeatability(parts: Sequence[ErrorPartRecord]) -> list[str]:
     return [sentence]
 
 
-def _is_unsure(part: ErrorPartRecord) -> bool:
+def is_unsure(part: str, told_by: str) -> bool:
     """Return whether a part is a joint's that no repeats tell."""
-    return part.part.startswith(JOINT) and part.told_by not in ("repeats", GIVEN)
+    return part.startswith(JOINT) and told_by not in (REPEATS, GIVEN)
 
 
 def write_repeatability_lines(parts: Sequence[ErrorPartRecord]) -> list[str]:

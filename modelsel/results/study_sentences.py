@@ -197,12 +197,6 @@ def describe_split(record: StudyRecord) -> str:
     )
 
 
-def describe_noise_floor(record: StudyRecord) -> str:
-    """Return the noise floor with its source, without a full stop."""
-    floor = record.noise_floor
-    return f"{write_rounded(floor.coordinate_mm)} mm per coordinate ({floor.source})"
-
-
 # -- findings
 # -------------------------------------------------------------------------------------------------------------------
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from ..fitting.error_structure import ErrorPart, ErrorStructure
 from ..fitting.possible_parts import GIVEN
+from ..mechanisms.drives import HIGH_WAVES, WAVES
 from ..robot.kinematics import Robot
 
 # share of what is left from which joints that do not repeat are most of it
@@ -17,8 +18,8 @@ def find_unstated_gears(
     errors: ErrorStructure, robot: Robot, ratios: Sequence[float] | None
 ) -> tuple[str, ...]:
     """Find the parts of turning joints that seem not to repeat, and have no gear ratio stated, where
-    these are most of what is left: a ripple once a turn of the motor is looked for with its ratio
-    alone."""
+    these are most of what is left: a ripple once a turn of the motor is looked for in every search with its
+    ratio alone, and without it only screened for, up to some hundred waves a turn of the joint."""
     unstated = []
     for joint, slides in enumerate(robot.prismatic, 1):
         ratio = 0.0 if ratios is None else ratios[joint - 1]
@@ -38,6 +39,7 @@ def ask_for_gears(part: ErrorPart, unstated: Sequence[str]) -> str:
     if part.name not in unstated or part.told_by in ("repeats", GIVEN):
         return ""
     return (
-        " So would an error that comes once a turn of its motor, which is looked for where the ratio is known: "
-        "state gear_ratios under [robot] in the study file."
+        f" So would an error that comes once a turn of its motor. Where the ratio is not known, up to {HIGH_WAVES[-1]} "
+        "waves a turn are looked for, and only large ones are found above "
+        f"{WAVES[-1]}: state gear_ratios under [robot] in the study file."
     )

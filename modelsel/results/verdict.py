@@ -16,9 +16,9 @@ from .cautions import explain_restriction
 from .finding_schema import FAULT
 from .map_details import MIN_DISPLACEMENT
 from .small_findings import MIN_GROUPED, write_number
+from .unsure_joints import CLEARLY_MORE, UnsureJoints
 
 SHOWN_NAMES = 6  # in a sentence
-CLEARLY_MORE = 1.1  # factor by which what noise leaves is more with what else is left
 FREE_FUNCTION = re.compile(r"free\(([^()]+)\)")  # in a name
 
 
@@ -60,11 +60,12 @@ class NamedErrors(NamedTuple):
 
 class Noise(NamedTuple):
     """The noise floor, and the rms [mm] at the target of what does not repeat and is not in it, and of
-    what the chosen model does not know of held-out rows."""
+    what the chosen model does not know of held-out rows; the joints that it holds without being sure."""
 
     floor: Floor
     unrepeated_mm: float = 0.0
     model_mm: float = 0.0
+    unsure: UnsureJoints = UnsureJoints()
 
 
 def write_verdict(
@@ -123,17 +124,22 @@ def _change_verb(before: float, after: float) -> str:
 
 
 def _describe_noise(noise: Noise) -> str:
-    """Return what noise alone would leave, and, where that is clearly more, with what else the model does
-    not explain and with what it does not know."""
-    floor = noise.floor
+    """Return what noise alone would leave, and, where that is clearly more, with joints that may have an
+    error that repeats, with what else the model does not explain and with what it does not know."""
+    floor, unsure = noise.floor, noise.unsure
     alone = _rms_length(floor)
-    words = f"noise of {write_rounded(floor.coordinate_mm)} mm per coordinate ({floor.source}) would leave {write_rounded(alone)} mm"
-    left = alone
-    others = []
-    for more_mm, what in (
+    further = [
         (noise.unrepeated_mm, "what else is not explained"),
         (noise.model_mm, "the uncertainty of the model"),
-    ):
+    ]
+    if unsure.matter:
+        alone = unsure.rest_mm
+        further.insert(0, (unsure.rms_mm, unsure.words))
+    coordinate = alone / floor.coordinates**0.5
+    words = f"noise of {write_rounded(coordinate)} mm per coordinate ({floor.source}) would leave {write_rounded(alone)} mm"
+    left = alone
+    others = []
+    for more_mm, what in further:
         both = hypot(left, more_mm)
         if both >= CLEARLY_MORE * left:
             left = both

@@ -14,12 +14,8 @@ from ...results.finding_advice import advise, list_frames
 from ...results.placements import describe_placements
 from ...results.schema import ErrorMapRecord, StudyRecord
 from ...results.small_findings import choose_shown, find_named, split_findings
-from ...results.study_sentences import (
-    describe_noise_floor,
-    describe_probability,
-    format_mm,
-    opening_sentences,
-)
+from ...results.study_sentences import describe_probability, format_mm, opening_sentences
+from ...results.unsure_joints import describe_noise_floor
 from ..document import (
     Block,
     Source,
