@@ -79,8 +79,9 @@ def list_high_waves(explored: Exploration, problem: Problem) -> list[Candidate]:
     With J drives and K numbers each, J K waves are tried: one is beyond chance where so much is explained
     with a probability of less than LEVEL / (J K), so that any of them is by chance in less than LEVEL of
     all searches (Bonferroni's bound; neighbouring numbers hardly differ, so that it is far less). That
-    holds for independent, equally normal errors; whether a wave is named, the search decides by its own
-    rules. Nor is a wave offered that explains less than a tenth of what is left along its drive's motion:
+    holds for independent, equally normal errors of the rows, or of the drive; of unequal ones the signs of the
+    residual's own rows are the referee, drawn for the waves of that drive. Whether a wave is named, the
+    search decides by its own rules. Nor is a wave offered that explains less than a tenth of what is left along its drive's motion:
     the noise would hardly be less, and many rows show some beyond chance wherever a model errs a little.
     Drives whose ripple is not scanned are left out; so are all where distances are measured between two
     configurations, where a turn of the drive has two readings in one row."""
@@ -95,6 +96,8 @@ def list_high_waves(explored: Exploration, problem: Problem) -> list[Candidate]:
     more: list[Candidate] = []
     for joint, own in remains.items():
         chance = own.compute_chance(SCREENED, np.log(LEVEL / tried))
+        if not chance.any() or own.compute_sign_p(SCREENED, problem.data.block) > LEVEL:
+            continue
         for number in _choose_numbers(problem, joint, chance):
             candidate = _build_candidate(problem, joint, number, ripples[joint], cell)
             if candidate.prior and candidate.mechanism not in known:

@@ -36,6 +36,9 @@ LEAST_LEFT, LEAST_SHARE = 0.25, 0.1
 # determinant of a wave's Gram matrix, over its squared trace, from which both its phases are seen
 LEAST_DETERMINANT = 1e-6
 
+# draws of the rows' signs, from a stream of their own
+SIGN_DRAWS, SIGN_SEED = 199, 0
+
 Complex = NDArray[np.complex128]
 
 
@@ -74,13 +77,14 @@ class _Products(NamedTuple):
         return self._replace(cosines=cosines, sines=sines, across=across)
 
     def explain(self) -> Array:
-        """Compute (K,) what the waves explain; nothing of one with a phase that is hardly seen."""
+        """Compute (K,) what the waves explain, or (K, B) of several residuals; nothing of one with a phase that
+        is hardly seen."""
         determinant = self.cosines * self.sines - np.square(self.across)
         squares = self.sines * np.square(self.cosine) + self.cosines * np.square(self.sine)
         crossed = 2 * self.across * self.cosine * self.sine
         trace = self.cosines + self.sines
         is_seen = determinant > LEAST_DETERMINANT * np.square(trace)
-        explained: Array = np.zeros(len(trace))
+        explained: Array = np.zeros(squares.shape)
         np.divide(squares - crossed, determinant, out=explained, where=is_seen)
         return explained
 
@@ -120,6 +124,26 @@ class Remains:
         chance: Array = np.zeros(counts.number)
         chance[hopeful] = logarithm
         return chance
+
+    def compute_sign_p(self, counts: Counts, block: Index) -> float:
+        """Compute how often a wave of any number explains as much of this residual as the best one does, when
+        signs are drawn for whole postures, `block` (m,): that holds for rows of unequal noise, too.
+
+        Neither has what the model explains of a wave taken out, which makes the probability no smaller."""
+        rng = np.random.default_rng(SIGN_SEED)
+        _, posture = np.unique(block, return_inverse=True)
+        shape = int(posture.max()) + 1, SIGN_DRAWS
+        signs = rng.choice([-1.0, 1.0], shape)[posture]
+        signs = np.column_stack([np.ones(len(posture)), signs])
+        raw = self._multiply(counts)
+        sums = np.zeros((counts.number, SIGN_DRAWS + 1), complex)
+        for rows in split_range(len(self.angles), PIECE):
+            flipped = self.weights[rows, None] * signs[rows]
+            sums += raise_turns(self.angles[rows], counts) @ flipped
+        grams = (values[:, None] for values in raw[2:])
+        largest = _Products(sums.real, sums.imag, *grams).explain().max(0)
+        as_large = (largest[1:] >= largest[0]).sum()
+        return float((1 + as_large) / (SIGN_DRAWS + 1))
 
     def _take_logarithm(self, explained: Array) -> Array:
         left = np.maximum(1 - explained / self.square, np.finfo(float).eps)
