@@ -67,7 +67,8 @@ class RobotTable(FrozenTable):
     gear_ratios: list[Finite] | None = Field(
         default=None,
         description="Turns of the motor per turn of each joint, 0 if unknown: gear ripple is also looked "
-        "for at once and twice this many waves per turn.",
+        "for at once and twice this many waves per turn, however small; without it, 61 to 330 are only "
+        "screened for.",
     )
 
     @model_validator(mode="before")

@@ -49,7 +49,8 @@ def test_waves_are_alike_that_differ_by_whole_waves_between_neighbours(
     step = int(rng.choice([5, 8, 10, 12]))
     own = int(rng.integers(3, 15))
     between = 360 // step
-    expected = {k * between + sign * own for k in range(5) for sign in (-1, 1)} - {own}
+    wholes = range(MOST_WAVES // between + 2)
+    expected = {k * between + sign * own for k in wholes for sign in (-1, 1)} - {own}
     found = list_aliases(problem_at(round_to(q, step)), ripple(own))
     assert set(found) == {number for number in expected if 0 < number <= MOST_WAVES}
     # hardly off the grid they still are; drawn readings tell them apart

@@ -20,7 +20,7 @@ from modelsel.robot.files import load_robot
 from modelsel.study.inputs import read_inputs
 from modelsel.study.simulation import simulate_points
 
-RATIOS = (121.0, 121.0, 101.0, 81.0, 80.0, 0.0)
+RATIOS = (121.0, 121.0, 401.0, 81.0, 80.0, 0.0)
 
 
 def test_ripple_is_looked_for_at_the_turns_of_the_motor() -> None:
@@ -32,8 +32,11 @@ def test_ripple_is_looked_for_at_the_turns_of_the_motor() -> None:
     more = len(build_mechanisms("gear-ripple:2", robot, registry))
     assert more == len(build_mechanisms("gear-ripple:2", robot)) + 2
     assert len(build_mechanisms("gear-ripple:6", robot, registry)) == more - 2
-    with pytest.raises(StudyError, match=r"121 is not among .*gear_ratios"):
-        build_mechanisms("gear-ripple:2:121", robot)
+    assert build_mechanisms("gear-ripple:3:401", robot, registry)
+    with pytest.raises(StudyError, match=r"401 is not among .*gear_ratios"):
+        build_mechanisms("gear-ripple:3:401", robot)
+    # what is screened for without a ratio may be named
+    assert build_mechanisms("gear-ripple:2:122", robot, registry)
 
 
 @pytest.mark.parametrize(
