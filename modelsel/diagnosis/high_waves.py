@@ -92,15 +92,24 @@ def list_high_waves(explored: Exploration, problem: Problem) -> list[Candidate]:
     remains = see_remains(problem, explored.fitted, list(ripples))
     known = {candidate.mechanism for candidate in search.candidates}
     cell = find_cell_prior(search.candidates)
-    tried = len(remains) * SCREENED.number
+    drives = len(remains)
+    tried = drives * SCREENED.number
     more: list[Candidate] = []
+    level = LEVEL / max(tried, 1)
+    bound = float(np.log(level))
+    block = problem.data.block
     for joint, own in remains.items():
-        chance = own.compute_chance(SCREENED, np.log(LEVEL / tried))
-        if not chance.any() or own.compute_sign_p(SCREENED, problem.data.block) > LEVEL:
+        chance = own.compute_chance(SCREENED, bound)
+        if not chance.any():
             continue
-        for number in _choose_numbers(problem, joint, chance):
-            candidate = _build_candidate(problem, joint, number, ripples[joint], cell)
-            if candidate.prior and candidate.mechanism not in known:
+        if own.compute_sign_p(SCREENED, block) > LEVEL:
+            continue
+        ripple = ripples[joint]
+        numbers = _choose_numbers(problem, joint, chance)
+        for number in numbers:
+            candidate = _build_candidate(problem, joint, number, ripple, cell)
+            is_new = candidate.mechanism not in known
+            if candidate.prior and is_new:
                 more.append(candidate)
     return more
 
@@ -109,29 +118,39 @@ def find_ripples(problem: Problem, found: Sequence[Candidate]) -> Mapping[int, _
     """Find the drives whose ripple is scanned: with more than one number, as the built-in mechanism."""
     by_name: dict[str, list[Candidate]] = {}
     for one in found:
-        if one.registered and one.mechanism.stem == RIPPLE:
-            name = one.mechanism.name
-            by_name.setdefault(name, []).append(one)
+        mechanism = one.mechanism
+        if one.registered and mechanism.stem == RIPPLE:
+            own = by_name.setdefault(mechanism.name, [])
+            own.append(one)
     ripples: dict[int, _Ripple] = {}
     for own in by_name.values():
-        joint = _find_rippling(problem, own[0])
-        if joint and len(own) > 1:
-            prior = sum(one.prior for one in own)
-            ripples[joint] = _Ripple(own[0], prior)
+        first, *others = own
+        joint = _find_rippling(problem, first)
+        if joint and others:
+            priors = [one.prior for one in own]
+            total = sum(priors)
+            ripple = _Ripple(first, total)
+            ripples[joint] = ripple
     return ripples
 
 
 def _find_rippling(problem: Problem, one: Candidate) -> int:
     """Find the drive of which a candidate is a ripple as it is built in; 0 of any other."""
     mechanism = one.mechanism
-    causes = [term.screws[0].cause for term in mechanism.terms]
+    causes = []
+    for term in mechanism.terms:
+        first = term.screws[0]
+        causes.append(first.cause)
     wave = find_common_wave(causes)
     _, _, joint = mechanism.name.partition(":")
     if wave is None or not joint.isdecimal():
         return 0
+    number = int(joint)
     _, count = wave
-    built = gear_ripple(problem.robot, int(joint), count)
-    return int(joint) if mechanism == built else 0
+    built = gear_ripple(problem.robot, number, count)
+    if mechanism != built:
+        return 0
+    return number
 
 
 def _choose_numbers(problem: Problem, joint: int, chance: Array) -> list[float]:
@@ -167,8 +186,10 @@ def _list_alike(problem: Problem, joint: int, numbers: Sequence[float]) -> Itera
 
 
 def _build_ripple(problem: Problem, joint: int, number: float) -> Candidate:
-    mechanism = gear_ripple(problem.robot, joint, number)
-    return Candidate(mechanism, CandidateKind.MECHANISM, 0.0)
+    robot = problem.robot
+    mechanism = gear_ripple(robot, joint, number)
+    kind = CandidateKind.MECHANISM
+    return Candidate(mechanism, kind, 0.0)
 
 
 def _build_candidate(
@@ -176,11 +197,16 @@ def _build_candidate(
 ) -> Candidate:
     """Build the candidate of a drive's wave. The whole numbers share as much as the name of the ripple
     has beside them, and those between weigh as much less as lower ones do."""
+    robot = problem.robot
+    count = len(HIGH_WAVES)
     if number.is_integer():
-        mechanism: Mechanism = gear_ripple(problem.robot, joint, int(number))
-        prior = ripple.prior / len(HIGH_WAVES)
+        whole = int(number)
+        mechanism: Mechanism = gear_ripple(robot, joint, whole)
+        prior = ripple.prior / count
         return replace(ripple.one, mechanism=mechanism, prior=prior)
+    between = build_wave(joint, number)
     prior = 0.0
-    if not is_coupled(problem.robot, joint):
-        prior = cell * RARE_WEIGHT * len(WAVES) / len(HIGH_WAVES)
-    return Candidate(build_wave(joint, number), CandidateKind.JOINT_WAVE, prior)
+    if not is_coupled(robot, joint):
+        share = len(WAVES) / count
+        prior = cell * RARE_WEIGHT * share
+    return Candidate(between, CandidateKind.JOINT_WAVE, prior)

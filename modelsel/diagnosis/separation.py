@@ -141,7 +141,9 @@ class _Separation:
 
     def _weigh(self, errors: ErrorStructure) -> Problem:
         """Weigh the rows that the search uses by some parts of their errors."""
-        weighed = replace(self.split, problem=errors.whiten(self.split.problem))
+        split = self.split
+        problem = errors.whiten(split.problem)
+        weighed = replace(split, problem=problem)
         return weighed.training
 
     def _judge(self, chosen: Sequence[Candidate], fitted: Fit, left: ErrorStructure) -> float:

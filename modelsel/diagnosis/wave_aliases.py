@@ -86,8 +86,11 @@ def weigh_aliases(search: Search, chosen: Sequence[int]) -> dict[int, float]:
             prior = max(priors, default=0.0)
         is_ripple = own.registered_name == ripple
         counted = [n for n in aliases if is_ripple or n > last]
-        weights = [_weigh_number(n) if count <= last else 1.0 for n in counted]
-        others = prior * sum(weights)
+        weight = float(len(counted))
+        if count <= last:
+            weights = map(_weigh_number, counted)
+            weight = sum(weights)
+        others = prior * weight
         total = own.prior + others
         shares[g] = own.prior / total
     return shares
@@ -96,4 +99,8 @@ def weigh_aliases(search: Search, chosen: Sequence[int]) -> dict[int, float]:
 def _weigh_number(number: int) -> float:
     """Weigh a number of waves beside one that is looked for in every search: as what is screened, if it is
     higher than usual."""
-    return 1.0 if number <= USUAL_WAVES else len(WAVES) / len(HIGH_WAVES)
+    if number <= USUAL_WAVES:
+        return 1.0
+    lower = len(WAVES)
+    higher = len(HIGH_WAVES)
+    return lower / higher

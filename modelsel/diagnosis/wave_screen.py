@@ -52,8 +52,10 @@ class Counts(NamedTuple):
     @property
     def values(self) -> Array:
         """The numbers (K,)."""
-        steps = self.step * np.arange(self.number)
-        return np.asarray(self.first + steps)
+        places = np.arange(self.number)
+        steps = self.step * places
+        numbers = self.first + steps
+        return np.asarray(numbers)
 
 
 class _Products(NamedTuple):
@@ -67,25 +69,44 @@ class _Products(NamedTuple):
 
     def take(self, which: Index) -> _Products:
         """Return those of some waves."""
-        return _Products(*(values[which] for values in self))
+        taken = []
+        for values in self:
+            own = values[which]
+            taken.append(own)
+        return _Products(*taken)
 
     def without(self, inside: Complex) -> _Products:
         """Return the products beyond a model; `inside` (K, r): those with its basis."""
-        cosines = self.cosines - np.square(inside.real).sum(1)
-        sines = self.sines - np.square(inside.imag).sum(1)
-        across = self.across - (inside.real * inside.imag).sum(1)
-        return self._replace(cosines=cosines, sines=sines, across=across)
+        cosine = inside.real
+        sine = inside.imag
+        product = cosine * sine
+        cosines = np.square(cosine).sum(1)
+        sines = np.square(sine).sum(1)
+        across = product.sum(1)
+        return self._replace(
+            cosines=self.cosines - cosines, sines=self.sines - sines, across=self.across - across
+        )
 
     def explain(self) -> Array:
         """Compute (K,) what the waves explain, or (K, B) of several residuals; nothing of one with a phase that
         is hardly seen."""
-        determinant = self.cosines * self.sines - np.square(self.across)
-        squares = self.sines * np.square(self.cosine) + self.cosines * np.square(self.sine)
-        crossed = 2 * self.across * self.cosine * self.sine
-        trace = self.cosines + self.sines
-        is_seen = determinant > LEAST_DETERMINANT * np.square(trace)
-        explained: Array = np.zeros(squares.shape)
-        np.divide(squares - crossed, determinant, out=explained, where=is_seen)
+        cosines, sines = self.cosines, self.sines
+        cosine, sine = self.cosine, self.sine
+        across = self.across
+        crossed = np.square(across)
+        straight = cosines * sines
+        determinant = straight - crossed
+        by_cosine = sines * np.square(cosine)
+        by_sine = cosines * np.square(sine)
+        both = across * cosine
+        total = by_cosine + by_sine
+        total -= 2 * both * sine
+        trace = cosines + sines
+        square = np.square(trace)
+        least = LEAST_DETERMINANT * square
+        is_seen = determinant > least
+        explained: Array = np.zeros(total.shape)
+        np.divide(total, determinant, out=explained, where=is_seen)
         return explained
 
 
@@ -115,12 +136,17 @@ class Remains:
         So do those of a drive that does not repeat, which have no other direction."""
         raw = self._multiply(counts)
         most = raw.explain() / LEAST_LEFT
-        hopeful = np.flatnonzero(self._take_logarithm(most) <= bound)
-        inside = self._multiply_basis(counts.values[hopeful])
-        explained = raw.take(hopeful).without(inside).explain()
+        at_best = self._take_logarithm(most)
+        hopeful = np.flatnonzero(at_best <= bound)
+        numbers = counts.values[hopeful]
+        inside = self._multiply_basis(numbers)
+        beyond = raw.take(hopeful).without(inside)
+        explained = beyond.explain()
         logarithm = self._take_logarithm(explained)
-        is_small = explained < LEAST_SHARE * self.square
-        logarithm[is_small | (logarithm > bound)] = 0.0
+        least = LEAST_SHARE * self.square
+        is_small = explained < least
+        is_likely = logarithm > bound
+        logarithm[is_small | is_likely] = 0.0
         chance: Array = np.zeros(counts.number)
         chance[hopeful] = logarithm
         return chance
@@ -146,8 +172,15 @@ class Remains:
         return float((1 + as_large) / (SIGN_DRAWS + 1))
 
     def _take_logarithm(self, explained: Array) -> Array:
-        left = np.maximum(1 - explained / self.square, np.finfo(float).eps)
-        return np.asarray(0.5 * (self.freedom - 2) * np.log(left))
+        share = explained / self.square
+        rest = 1 - share
+        precision = np.finfo(float)
+        left = np.maximum(rest, precision.eps)
+        logarithm = np.log(left)
+        beyond = self.freedom - 2
+        power = 0.5 * beyond
+        logarithm *= power
+        return np.asarray(logarithm)
 
     def _multiply(self, counts: Counts) -> _Products:
         """Multiply the columns of waves with the residual and with one another."""
@@ -165,24 +198,38 @@ class Remains:
 
     def _multiply_basis(self, numbers: Array) -> Complex:
         """Multiply the columns of some waves with the model's basis: (K, r), cosines and sines."""
-        inside = np.zeros((len(numbers), self.inside.shape[1]), complex)
+        _, rank = self.inside.shape
+        shape = len(numbers), rank
+        cosines = np.zeros(shape)
+        sines = np.zeros(shape)
         for rows in split_range(len(self.angles), PIECE):
             own = self.inside[rows]
-            phases = np.outer(numbers, self.angles[rows])
-            inside += np.cos(phases) @ own
-            inside += 1j * (np.sin(phases) @ own)
-        return inside
+            angles = self.angles[rows]
+            phases = np.outer(numbers, angles)
+            cosine = np.cos(phases)
+            sine = np.sin(phases)
+            cosines += cosine @ own
+            sines += sine @ own
+        imaginary = 1j * sines
+        return cosines + imaginary
 
 
 def raise_turns(angles: Array, counts: Counts) -> Complex:
     """Compute exp(i k θ) (K, m) of equally distant numbers k: each step doubles how many are known."""
-    powers = np.empty((counts.number, len(angles)), complex)
-    powers[0] = np.exp(1j * counts.first * angles)
-    turn = np.exp(1j * counts.step * angles)
+    number = counts.number
+    shape = number, len(angles)
+    imaginary = 1j * angles
+    powers = np.empty(shape, complex)
+    powers[0] = np.exp(counts.first * imaginary)
+    turn = np.exp(counts.step * imaginary)
     known = 1
-    while known < counts.number:
-        more = min(known, counts.number - known)
-        np.multiply(powers[:more], turn, out=powers[known : known + more])
+    while known < number:
+        left = number - known
+        more = min(known, left)
+        before = powers[:more]
+        end = known + more
+        new = powers[known:end]
+        np.multiply(before, turn, out=new)
         turn = turn * turn
         known += more
     return powers
@@ -223,7 +270,8 @@ def _look_along(
     length = squares[is_moved]
     along = np.square(weights[is_moved]) / length
     taken = np.square(inside[is_moved]).sum(1) / length
-    reading = problem.cause(motor_reading(problem.robot, drive))
+    angle = motor_reading(problem.robot, drive)
+    reading = problem.cause(angle)
     return Remains(
         angles=np.broadcast_to(reading, len(problem)),
         squares=squares,

@@ -350,7 +350,10 @@ def summarise_repeatability(parts: Sequence[ErrorPartRecord]) -> list[str]:
 
 def is_unsure(part: str, told_by: str) -> bool:
     """Return whether a part is a joint's that no repeats tell."""
-    return part.startswith(JOINT) and told_by not in (REPEATS, GIVEN)
+    known = REPEATS, GIVEN
+    is_joint = part.startswith(JOINT)
+    is_known = told_by in known
+    return is_joint and not is_known
 
 
 def write_repeatability_lines(parts: Sequence[ErrorPartRecord]) -> list[str]:

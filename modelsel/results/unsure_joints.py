@@ -29,15 +29,23 @@ class UnsureJoints(NamedTuple):
     @property
     def matter(self) -> bool:
         """Whether what is left is clearly more with them."""
-        return bool(self.names) and hypot(self.rms_mm, self.rest_mm) >= CLEARLY_MORE * self.rest_mm
+        rest = self.rest_mm
+        least = CLEARLY_MORE * rest
+        together = hypot(self.rms_mm, rest)
+        is_more = together >= least
+        return bool(self.names) and is_more
 
     @property
     def words(self) -> str:
         """The joints, and what is not sure of them, to stand within a sentence."""
-        if len(self.names) == 1:
-            return f"{self.names[0]}, which may have an error that repeats,"
-        numbers = sentence_list([name.removeprefix(f"{JOINT} ") for name in self.names])
-        return f"joints {numbers}, which may have errors that repeat,"
+        numbers = []
+        for name in self.names:
+            number = name.removeprefix(f"{JOINT} ")
+            numbers.append(number)
+        listed = sentence_list(numbers)
+        if len(numbers) == 1:
+            return f"{JOINT} {listed}, which may have an error that repeats,"
+        return f"{JOINT}s {listed}, which may have errors that repeat,"
 
 
 def tell_unsure(errors: ErrorStructure, floor: Floor) -> UnsureJoints:
@@ -45,7 +53,10 @@ def tell_unsure(errors: ErrorStructure, floor: Floor) -> UnsureJoints:
     estimated from what is left."""
     if floor.source != ESTIMATED:
         return UnsureJoints()
-    parts = [(part.name, part.told_by, part.at_target) for part in errors.parts]
+    parts = []
+    for part in errors.parts:
+        moved = part.name, part.told_by, part.at_target
+        parts.append(moved)
     return _split(parts)
 
 
@@ -67,16 +78,24 @@ def describe_noise_floor(record: StudyRecord) -> str:
     """Return the noise floor with its source, without a full stop: where it holds joints that are not sure,
     what it is without them first."""
     floor = record.noise_floor
-    whole = f"{write_rounded(floor.coordinate_mm)} mm per coordinate"
+    source = floor.source
+    size = write_rounded(floor.coordinate_mm)
+    whole = f"{size} mm per coordinate"
     unsure = _tell_recorded(record.repeatability)
-    if floor.source != ESTIMATED or not unsure.matter:
-        return f"{whole} ({floor.source})"
-    alone = write_rounded(unsure.rest_mm / sqrt(3))
-    return f"{alone} mm per coordinate ({floor.source}), and with {unsure.words} {whole}"
+    is_whole = source != ESTIMATED or not unsure.matter
+    if is_whole:
+        return f"{whole} ({source})"
+    coordinate = unsure.rest_mm / sqrt(3)
+    alone = write_rounded(coordinate)
+    return f"{alone} mm per coordinate ({source}), and with {unsure.words} {whole}"
 
 
 def _tell_recorded(parts: Sequence[ErrorPartRecord]) -> UnsureJoints:
     if not parts:
         return UnsureJoints()
     moved = compute_target_rms(parts).tolist()
-    return _split([(own.part, own.told_by, rms) for own, rms in zip(parts, moved, strict=True)])
+    recorded = []
+    for own, rms in zip(parts, moved, strict=True):
+        part = own.part, own.told_by, rms
+        recorded.append(part)
+    return _split(recorded)
