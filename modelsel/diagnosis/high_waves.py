@@ -92,11 +92,8 @@ def list_high_waves(explored: Exploration, problem: Problem) -> list[Candidate]:
     remains = see_remains(problem, explored.fitted, list(ripples))
     known = {candidate.mechanism for candidate in search.candidates}
     cell = find_cell_prior(search.candidates)
-    drives = len(remains)
-    tried = drives * SCREENED.number
     more: list[Candidate] = []
-    level = LEVEL / max(tried, 1)
-    bound = float(np.log(level))
+    bound = compute_bound(len(ripples))
     block = problem.data.block
     for joint, own in remains.items():
         chance = own.compute_chance(SCREENED, bound)
@@ -112,6 +109,14 @@ def list_high_waves(explored: Exploration, problem: Problem) -> list[Candidate]:
             if candidate.prior and is_new:
                 more.append(candidate)
     return more
+
+
+def compute_bound(drives: int) -> float:
+    """Compute the logarithm of the probability below which a wave of one of some drives is beyond chance."""
+    tried = drives * SCREENED.number
+    level = LEVEL / tried
+    bound = np.log(level)
+    return float(bound)
 
 
 def find_ripples(problem: Problem, found: Sequence[Candidate]) -> Mapping[int, _Ripple]:
