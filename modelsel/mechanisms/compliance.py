@@ -6,7 +6,7 @@ from __future__ import annotations
 from ..robot.gravity import find_arm_pair, find_gravity_joints
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
-from .causes import Named, q, shifted, sign, sin
+from .causes import Cause, Named, q, shifted, sign, sin
 from .motors import drive_angle, drive_screws, motor_torque, moved_joints, name_drive
 from .terms import Mechanism, Screw, Term
 
@@ -18,6 +18,9 @@ HEAVY = (1e-8, 1e-3)
 YIELD = (1e-3, 2.0)
 # mm/kg: the same by a payload
 YIELD_BY_LOAD = (1e-4, 1.0)
+# what is known of the weight that a drive holds: the masses that are declared (or unit ones); none of
+# them, so that each is a term; those that are declared, and the payload besides
+DECLARED, UNKNOWN, WITH_PAYLOAD = 0, 1, 2
 TOOL_PARTS = ("gripper or its fingers", "tool changer that yields", "loose target nest")
 SOURCE = "Klimchik, Furet, Caro & Pashkevich 2015, elastostatic calibration"
 # parts that usually make a joint wind up
@@ -53,9 +56,12 @@ def later_frames(robot: Robot, frame: int) -> range:
 
 
 def joint_compliance(robot: Robot, joint: int, masses: int) -> Mechanism:
-    """The drive winds up in proportion to the gravity torque: of the declared (or unit) masses, or
-    of unknown ones, a term each (`masses`)."""
-    if masses:
+    """The drive winds up in proportion to the gravity torque: of the declared (or unit) masses, of
+    unknown ones, a term each, or of the declared ones and the payload, one stiffness for both.
+    `masses`: one of `mass_choices`."""
+    drive = name_drive(robot, joint)
+    of_what, load = "", f"gravity torque about {drive}"
+    if masses == UNKNOWN:
         terms = tuple(
             Term(
                 f"c{joint}m{k}", drive_screws(robot, joint, motor_torque(robot, joint, k)), HEAVY, 1
@@ -63,25 +69,42 @@ def joint_compliance(robot: Robot, joint: int, masses: int) -> Mechanism:
             for k in later_frames(robot, min(moved_joints(robot, joint)))
         )
     else:
-        held = drive_screws(robot, joint, motor_torque(robot, joint))
-        terms = (Term(f"c{joint}", held, COMPLIANCE, 1),)
+        cause = motor_torque(robot, joint)
+        if masses == WITH_PAYLOAD:
+            cause = whole_torque(robot, joint)
+            of_what = ", of the arm's weight and of the payload"
+            load = f"({load} + payload_kg · torque of 1 kg at the target)"
+        terms = (Term(f"c{joint}", drive_screws(robot, joint, cause), COMPLIANCE, 1),)
     return Mechanism(
         f"joint-compliance:{joint}",
         terms,
-        f"{name_drive(robot, joint).capitalize()} winds up in proportion to its gravity torque.",
-        f"{drive_angle(robot, joint)} + c · gravity torque about {name_drive(robot, joint)}",
+        f"{drive.capitalize()} winds up in proportion to its gravity torque{of_what}.",
+        f"{drive_angle(robot, joint)} + c · {load}",
         SOURCE,
         usual_causes=WINDING_PARTS,
     )
 
 
+def payload_torque(robot: Robot, joint: int) -> Cause:
+    """Build the torque [N m] that a drive holds of the payload, which hangs at the target."""
+    return Named("payload_kg", "kg") * motor_torque(robot, joint, robot.n + 1)
+
+
+def whole_torque(robot: Robot, joint: int) -> Cause:
+    """Build the torque [N m] that a drive holds of the arm's own masses and of the payload."""
+    own = motor_torque(robot, joint)
+    return own + payload_torque(robot, joint)
+
+
 def mass_choices(robot: Robot, joint: int) -> tuple[int, ...]:
     """List the choices of masses: known ones, then unknown ones, where several bodies hang on the
-    joint or the file's masses leave out what the flange holds."""
-    is_declared = any(one.mass for one in robot.joints)
-    if joint < robot.n or is_declared:
-        return (0, 1)
-    return (0,)
+    joint or the file's masses leave out what the flange holds; with the payload where they are
+    declared."""
+    if any(one.mass for one in robot.joints):
+        return (DECLARED, UNKNOWN, WITH_PAYLOAD)
+    if joint < robot.n:
+        return (DECLARED, UNKNOWN)
+    return (DECLARED,)
 
 
 def lateral_compliance(robot: Robot, joint: int) -> Mechanism:
@@ -125,14 +148,14 @@ def link_bending(robot: Robot, link: int, masses: int) -> Mechanism:
 
 
 def mass_choices_beyond(robot: Robot, link: int) -> tuple[int, ...]:
-    """List the `mass_choices` of the joint at the link's far end."""
+    """List the choices of masses beyond a link's far end: known ones, then unknown ones."""
     joint = link + 1
-    return mass_choices(robot, joint)
+    return tuple(masses for masses in mass_choices(robot, joint) if masses != WITH_PAYLOAD)
 
 
 def payload_deflection(robot: Robot, joint: int) -> Mechanism:
     """The drive winds up under the payload at the target; its mass is the column payload_kg."""
-    cause = Named("payload_kg", "kg") * motor_torque(robot, joint, robot.n + 1)
+    cause = payload_torque(robot, joint)
     return Mechanism(
         f"payload-deflection:{joint}",
         (Term(f"p{joint}", drive_screws(robot, joint, cause), COMPLIANCE, 1),),
