@@ -6,20 +6,27 @@ from collections.abc import Iterable
 
 from ..fitting.problem import Problem
 from ..measurements.state_names import NEED_INSTRUMENT, state_kind
+from ..mechanisms.compliance import PAYLOAD
 from ..mechanisms.drives import SERVO_LAG
 from ..mechanisms.terms import Mechanism
+from .whole_torques import has_both_loads, needs_both_loads
 
 
 def list_lacking(problem: Problem, mechanisms: Iterable[Mechanism]) -> list[frozenset[str]]:
     """List for every mechanism the state variables that it depends on and of which the measurements
-    say nothing: of a servo's lag the speed, where the arm stood still to be measured."""
+    say nothing: of a servo's lag the speed, where the arm stood still to be measured; of the torque of
+    own weight and payload the payload, where these are not told apart."""
     usable = list_usable_names(problem)
     moves = problem.data.in_motion
     lacking = []
     for one in mechanisms:
         own = one.names()
-        needs_motion = one.stem == SERVO_LAG and not moves
-        lacking.append(own if needs_motion else own - usable)
+        unknown = own - usable
+        if one.stem == SERVO_LAG and not moves:
+            unknown = own
+        elif not unknown and needs_both_loads(one) and not has_both_loads(problem, one):
+            unknown = frozenset({PAYLOAD})
+        lacking.append(unknown)
     return lacking
 
 

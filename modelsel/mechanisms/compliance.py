@@ -21,6 +21,8 @@ YIELD_BY_LOAD = (1e-4, 1.0)
 # what is known of the weight that a drive holds: the masses that are declared (or unit ones); none of
 # them, so that each is a term; those that are declared, and the payload besides
 DECLARED, UNKNOWN, WITH_PAYLOAD = 0, 1, 2
+# the column of the payload's mass
+PAYLOAD = "payload_kg"
 TOOL_PARTS = ("gripper or its fingers", "tool changer that yields", "loose target nest")
 SOURCE = "Klimchik, Furet, Caro & Pashkevich 2015, elastostatic calibration"
 # parts that usually make a joint wind up
@@ -87,7 +89,7 @@ def joint_compliance(robot: Robot, joint: int, masses: int) -> Mechanism:
 
 def payload_torque(robot: Robot, joint: int) -> Cause:
     """Build the torque [N m] that a drive holds of the payload, which hangs at the target."""
-    return Named("payload_kg", "kg") * motor_torque(robot, joint, robot.n + 1)
+    return Named(PAYLOAD, "kg") * motor_torque(robot, joint, robot.n + 1)
 
 
 def whole_torque(robot: Robot, joint: int) -> Cause:
@@ -240,7 +242,7 @@ def payload_droop(robot: Robot) -> Mechanism | None:
     if robot.gravity is None:
         return None
     flange = robot.n + 1
-    payload = Named("payload_kg", "kg")
+    payload = Named(PAYLOAD, "kg")
     terms = []
     for symbol, axes in (("g", "xy"), ("a", "z")):
         screws = tuple(Screw(flange, f"t{a}", payload * Named(f"down_{a}")) for a in axes)
@@ -258,7 +260,7 @@ def payload_droop(robot: Robot) -> Mechanism | None:
 
 def payload_shift(robot: Robot) -> Mechanism:
     """The target stands elsewhere on the flange with another payload, whatever way gravity pulls."""
-    payload = Named("payload_kg", "kg")
+    payload = Named(PAYLOAD, "kg")
     frame = robot.n + 1
     terms = tuple(Term(f"s{a}", (Screw(frame, a, payload),), YIELD_BY_LOAD) for a in AXES[:3])
     return Mechanism(

@@ -71,19 +71,22 @@ def find_untested(
     mechanisms: Sequence[Mechanism],
     unseen: tuple[str, ...] = (),
 ) -> Untested:
-    """Find the `mechanisms` of a study's list `asked` for whose causes the data lack a value; names
-    of `unseen` targets are known."""
+    """Find the `mechanisms` of a study's list `asked` for whose causes the data lack a value, in any
+    form that they have; names of `unseen` targets are known."""
     if isinstance(asked, str) or not asked:
         return Untested({})
     unknown = {}
-    tested = set()
+    usable = set()
     for mechanism, lacking in zip(mechanisms, list_lacking(problem, mechanisms), strict=True):
         if lacking:
             unknown[mechanism.name] = lacking
         else:
-            tested.add(mechanism.name.partition(":")[0])
+            usable.add(mechanism.name)
+    tested = {name.partition(":")[0] for name in usable}
     missing = {}
     for name, lacking in unknown.items():
+        if name in usable:
+            continue
         stem = name.partition(":")[0]
         # a mechanism of each joint is told once
         is_one_joint = stem in tested or name in asked
