@@ -6,10 +6,10 @@ from collections.abc import Iterable
 
 from ..fitting.problem import Problem
 from ..measurements.state_names import NEED_INSTRUMENT, state_kind
-from ..mechanisms.compliance import PAYLOAD
+from ..mechanisms.compliance import PAYLOAD, needs_both_loads
 from ..mechanisms.drives import SERVO_LAG
 from ..mechanisms.terms import Mechanism
-from .whole_torques import has_both_loads, needs_both_loads
+from .whole_torques import has_both_loads
 
 
 def list_lacking(problem: Problem, mechanisms: Iterable[Mechanism]) -> list[frozenset[str]]:

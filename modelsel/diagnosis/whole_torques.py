@@ -9,20 +9,12 @@ from __future__ import annotations
 import numpy as np
 
 from ..fitting.problem import Problem
-from ..measurements.state_names import StateKind, state_kind
 from ..mechanisms.compliance import PAYLOAD, payload_torque
 from ..mechanisms.motors import motor_torque
 from ..mechanisms.terms import Mechanism
 
 # share of the payload's torque, both by how much they change, from which the arm's own is seen
-LEAST_OWN = 0.2
-
-
-def needs_both_loads(mechanism: Mechanism) -> bool:
-    """Return whether a mechanism depends on the torque of the arm's own weight and on the payload."""
-    names = mechanism.names()
-    has_own = any(state_kind(name) is StateKind.TORQUE for name in names)
-    return has_own and PAYLOAD in names
+LEAST_OWN = 0.1
 
 
 def has_both_loads(problem: Problem, mechanism: Mechanism) -> bool:

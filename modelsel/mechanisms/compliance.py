@@ -3,6 +3,7 @@ payload."""
 
 from __future__ import annotations
 
+from ..measurements.state_names import StateKind, state_kind
 from ..robot.gravity import find_arm_pair, find_gravity_joints
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
@@ -96,6 +97,13 @@ def whole_torque(robot: Robot, joint: int) -> Cause:
     """Build the torque [N m] that a drive holds of the arm's own masses and of the payload."""
     own = motor_torque(robot, joint)
     return own + payload_torque(robot, joint)
+
+
+def needs_both_loads(mechanism: Mechanism) -> bool:
+    """Return whether a mechanism depends on the torque of the arm's own weight and on the payload."""
+    names = mechanism.names()
+    has_own = any(state_kind(name) is StateKind.TORQUE for name in names)
+    return has_own and PAYLOAD in names
 
 
 def mass_choices(robot: Robot, joint: int) -> tuple[int, ...]:

@@ -10,14 +10,15 @@ from ..robot.gravity import ArmPair, find_arm_pair, loads_base
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
 from .causes import Cause, Named, Number, cos, q, shifted, sign
-from .compliance import WINDING_PARTS
+from .compliance import WINDING_PARTS, whole_torque
 from .motors import drive_angle, drive_screws, motor_torque, name_drive
 from .terms import Mechanism, Screw, Term
 
 PAPER = "Chen & Chao 1987, positioning error analysis of robots with rotary joints, Eq. 6-7"
 TWIST = (2e-5, 1e-2)  # rad at full lever: 10 N m … 1 kN m over 1e5 … 1e6 N m/rad
-# what may decide the side on which gravity holds a joint: its torque, or the lever of the forearm
-BY_TORQUE, BY_FOREARM = 0, 1
+# what may decide the side on which gravity holds a joint: its torque, the lever of the forearm, or the
+# torque with the payload's
+BY_TORQUE, BY_FOREARM, BY_WHOLE = 0, 1, 2
 BACKLASH = (2e-5, 2e-3)  # rad
 # rad to either side, and directions of the edges [degrees], which are at right angles
 ROCKING = (2e-6, 5e-3)
@@ -99,12 +100,13 @@ def gravity_twist(robot: Robot) -> Mechanism | None:
 
 def list_sides(robot: Robot, joint: int) -> tuple[int, ...]:
     """List what may decide the side on which gravity holds a joint: its torque, and of the elbow the
-    paper's lever of the forearm; where no masses are declared, that alone."""
+    paper's lever of the forearm; where no masses are declared, that alone, and where they are, the
+    torque with the payload's, too."""
     pair = find_arm_pair(robot)
-    if pair is None or joint != pair.fore:
-        return (BY_TORQUE,)
-    is_declared = any(one.mass for one in robot.joints)
-    return (BY_TORQUE, BY_FOREARM) if is_declared else (BY_FOREARM,)
+    is_elbow = pair is not None and joint == pair.fore
+    if any(one.mass for one in robot.joints):
+        return (BY_TORQUE, BY_FOREARM, BY_WHOLE) if is_elbow else (BY_TORQUE, BY_WHOLE)
+    return (BY_FOREARM,) if is_elbow else (BY_TORQUE,)
 
 
 def backlash(robot: Robot, joint: int, side: int) -> Mechanism:
@@ -115,17 +117,24 @@ def backlash(robot: Robot, joint: int, side: int) -> Mechanism:
     torque itself as cause, plus. On the paper's own arm, where the lever cos(q2+q3) is against the
     torque, the paper calls either sign backlash (its Table 3 has h3 = -1.686 and h4 = +0.235 mrad);
     there the sentence says which of them was found. `side`: one of `list_sides`."""
-    pair, cause, direction = find_arm_pair(robot), sign(motor_torque(robot, joint)), 1
+    pair, direction = find_arm_pair(robot), 1
+    drive, of_what = name_drive(robot, joint), ""
+    cause = sign(motor_torque(robot, joint))
     if side == BY_FOREARM and pair is not None:
         cause, direction = sign(forearm_lever(pair)), pair.far_sign * pair.parallel
+    if side == BY_WHOLE:
+        cause, of_what = (
+            sign(whole_torque(robot, joint)),
+            ", of the arm's weight and of the payload,",
+        )
     against = (
-        f"{name_drive(robot, joint).capitalize()} steps against gravity where its torque changes sign: play would give way to gravity, so "
+        f"{drive.capitalize()} steps against gravity where its torque changes sign: play would give way to gravity, so "
         "something else is the cause, such as a nonlinear spring."
     )
     return Mechanism(
         f"backlash:{joint}",
         (Term(f"h4[{joint}]", drive_screws(robot, joint, cause), BACKLASH, direction),),
-        f"{name_drive(robot, joint).capitalize()} steps where its gravity torque changes sign, to the side that gravity pulls.",
+        f"{drive.capitalize()} steps where its gravity torque{of_what} changes sign, to the side that gravity pulls.",
         f"{drive_angle(robot, joint)} + h4 {cause}",
         PAPER,
         against if direction < 0 else "",

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .._typing import Array
+from ..mechanisms.compliance import needs_both_loads, payload_torque, whole_torque
 from ..mechanisms.motors import motor_torque, name_drive
 from ..mechanisms.terms import Mechanism
 from ..robot.kinematics import Robot
@@ -129,8 +130,9 @@ def _find_load(mechanism: Mechanism, frame: int, workspace: Workspace) -> Array:
     robot = problem.robot
     motor = mechanism.joint or frame
     if mechanism.stem == "payload-deflection":
-        lever = problem.cause(motor_torque(robot, motor, robot.n + 1))
-        return np.asarray(np.abs(lever) * problem.value("payload_kg"))
+        return np.asarray(np.abs(problem.cause(payload_torque(robot, motor))))
+    if needs_both_loads(mechanism):
+        return np.asarray(np.abs(problem.cause(whole_torque(robot, motor))))
     if mechanism.stem not in ("lateral-compliance", "link-bending"):
         return np.asarray(np.abs(problem.cause(motor_torque(robot, motor))))
     about = problem.value(f"torque{frame}")
@@ -148,6 +150,8 @@ def _describe_motion(mechanism: Mechanism, frame: int, robot: Robot) -> str:
     drive = name_drive(robot, mechanism.joint or frame)
     if mechanism.stem == "payload-deflection":
         return f"wind-up of {drive} under the largest payload"
+    if needs_both_loads(mechanism):
+        return f"wind-up of {drive} under the arm's weight and the payload"
     return f"wind-up of {drive}"
 
 
