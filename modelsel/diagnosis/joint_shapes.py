@@ -24,6 +24,7 @@ from .driver_functions import STILL
 from .joint_bumps import describe_reading, generate_likely_bumps
 from .torque_powers import SQUARE, build_powers
 from .unregistered import Causes, Unregistered, build_cell
+from .whole_torques import list_loads, sees_both_loads
 
 # angles at which a jump is looked for, and readings that each side needs
 JUMPS = 96
@@ -112,9 +113,12 @@ def _choose_places(readings: Array, most: int) -> Array:
 
 def _generate_powers(problem: Problem) -> Iterator[Unregistered]:
     for j in find_gravity_joints(problem.robot):
-        powers = build_powers(problem, j)
-        if powers:
-            yield Unregistered(powers[SQUARE], CandidateKind.POWER, 1.0)
+        own, *others = list_loads(problem.robot, j)
+        loads = [own, *(load for load in others if sees_both_loads(problem, j))]
+        for load in loads:
+            powers = build_powers(problem, j, load)
+            if powers:
+                yield Unregistered(powers[SQUARE], CandidateKind.POWER, 1.0)
 
 
 def _generate_periods(robot: Robot) -> Iterator[Unregistered]:

@@ -12,7 +12,8 @@ from itertools import product
 import numpy as np
 
 from ..fitting.problem import Problem
-from ..mechanisms.causes import Applied
+from ..mechanisms.causes import Applied, Cause
+from ..mechanisms.compliance import PAYLOAD
 from ..mechanisms.motors import joint_axis
 from ..mechanisms.terms import Mechanism
 from ..robot.gravity import find_gravity_joints
@@ -22,6 +23,7 @@ from .driver_functions import scale_driver
 from .simple_shapes import find_own_wave
 from .torque_powers import build_powers, scale_torque
 from .unregistered import build_cell
+from .whole_torques import find_load, list_loads
 
 # typical torques by how far a spring that levels off is softer than at none, and one that stiffens
 # as a root does
@@ -41,17 +43,22 @@ def generate_soft_springs(problem: Problem, found: Mechanism) -> Iterator[Mechan
     """Generate springs that stiffen with the torque about a joint, beside a power of it. None for any
     other finding."""
     joint, _ = next(iter(found.names_by_place()))
-    own_torque = f"torque{joint}"
-    if found.names() != {own_torque}:
+    if joint > problem.robot.n:
         return
-    powers = build_powers(problem, joint)
+    load = find_load(problem.robot, joint, found.names())
+    if load is None:
+        return
+    powers = build_powers(problem, joint, load)
     if found in powers.values():
-        yield from build_soft_springs(problem, joint)
+        yield from build_soft_springs(problem, joint, load)
 
 
-def build_soft_springs(problem: Problem, joint: int) -> Iterator[Mechanism]:
-    """Build a joint's motions with functions of its torque that rise less and less; none without load."""
-    share = scale_torque(problem, joint)
+def build_soft_springs(
+    problem: Problem, joint: int, load: Cause | None = None
+) -> Iterator[Mechanism]:
+    """Build a joint's motions with functions of its torque that rise less and less; none without load.
+    `load`: as of `build_powers`."""
+    share = scale_torque(problem, joint, load)
     if share is None:
         return
     place = joint, joint_axis(problem.robot, joint)
@@ -75,25 +82,28 @@ def list_springs(problem: Problem, place: Place, found: Sequence[Mechanism]) -> 
     loaded = find_gravity_joints(robot)
     if joint not in loaded or axis != joint_axis(robot, joint):
         return []
+    own, *others = list_loads(robot, joint)
+    drivers = frozenset[str]().union(*(m.names() for m in found))
+    load = next((whole for whole in others if PAYLOAD in drivers), own)
     readings = (f"q{j}" for j in loaded)
-    possible = {f"torque{joint}", *readings}
-    follow = [_follows_torque(problem, m, place) for m in found]
+    possible = {*load.names(), *readings}
+    follow = [_follows_torque(problem, m, place, load) for m in found]
     is_alike = all(
         follows or m.names() <= possible for follows, m in zip(follow, found, strict=True)
     )
     if not is_alike or not any(follow):
         return []
-    powers = build_powers(problem, joint)
-    return [*powers.values(), *build_soft_springs(problem, joint)]
+    powers = build_powers(problem, joint, load)
+    return [*powers.values(), *build_soft_springs(problem, joint, load)]
 
 
-def _follows_torque(problem: Problem, found: Mechanism, place: Place) -> bool:
+def _follows_torque(problem: Problem, found: Mechanism, place: Place, load: Cause) -> bool:
     """Return whether a finding of one number moves a place in proportion to the torque about that joint
     or to its sign."""
     screws = [screw for screw in found.terms[0].screws if (screw.frame, screw.axis) == place]
     if len(found.terms) > 1 or len(screws) != 1:
         return False
-    torque = problem.state.value(f"torque{place[0]}")
+    torque = np.asarray(load.of(problem.state))
     values = np.asarray(screws[0].cause.of(problem.state))
     if not np.ptp(values) or not np.ptp(torque):
         return False

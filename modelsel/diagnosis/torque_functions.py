@@ -20,6 +20,7 @@ from .effects import Effect
 from .sentences import has_contrary_signs
 from .state import Search
 from .views import View
+from .whole_torques import find_load
 
 # share by which a joint yields more or less per torque at its largest torque than at smaller ones, from
 # which that is told
@@ -27,15 +28,14 @@ LEAST_BEND = 0.05
 
 
 def find_loaded_joint(robot: Robot, found: Mechanism) -> int | None:
-    """Find the joint that moves by functions of the gravity torque about it alone; None for anything
-    else."""
+    """Find the joint that moves by functions of the gravity torque about it alone, of the arm's own
+    weight or with the payload's; None for anything else."""
     names_by_place = found.names_by_place()
     if len(names_by_place) != 1:
         return None
     ((place, names),) = names_by_place.items()
     joint, _ = place
-    own_torque = f"torque{joint}"
-    if names != {own_torque} or not is_joint_motion(robot, place):
+    if not is_joint_motion(robot, place) or find_load(robot, joint, names) is None:
         return None
     return joint
 
@@ -46,13 +46,14 @@ def list_together(
     """List the effects that move one joint by functions of its torque, and their sum as one candidate.
 
     Where physics allows all of them as they are, a compliance and a play, they stay apart."""
-    by_joint: dict[int, list[int]] = {}
+    by_load: dict[tuple[int, frozenset[str]], list[int]] = {}
     for g in chosen:
-        joint = find_loaded_joint(search.problem.robot, search.acting_parts[g].mechanism)
+        found = search.acting_parts[g].mechanism
+        joint = find_loaded_joint(search.problem.robot, found)
         if joint is not None and not search.candidates[g].asked:
-            by_joint.setdefault(joint, []).append(g)
+            by_load.setdefault((joint, found.names()), []).append(g)
     together = []
-    for members in by_joint.values():
+    for members in by_load.values():
         are_named = all(_is_named(search.candidates[g], view) for g in members)
         if len(members) > 1 and not are_named:
             joined = _join([search.acting_parts[g] for g in members])
@@ -88,13 +89,15 @@ def find_bend(problem: Problem, effect: Effect) -> str:
     is_named = any(entry.candidate.registered for entry in entries)
     if is_named or effect.candidate.registered:
         return ""
-    terms = effect.candidate.mechanism.terms
-    causes = [term.screws[0].cause for term in terms]
-    joint = find_loaded_joint(problem.robot, effect.candidate.mechanism)
+    found = effect.candidate.mechanism
+    causes = [term.screws[0].cause for term in found.terms]
+    joint = find_loaded_joint(problem.robot, found)
     if joint is None or any(find_bump(cause) is not None for cause in causes):
         return ""
     state = problem.state
-    load = np.asarray(state.value(f"torque{joint}"))
+    torque = find_load(problem.robot, joint, found.names())
+    assert torque is not None
+    load = np.asarray(torque.of(state))
     size = np.abs(load)
     each = np.array([np.broadcast_to(cause.of(state), load.shape) for cause in causes])
     turn = np.asarray(effect.estimate) @ each

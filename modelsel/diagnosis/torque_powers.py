@@ -10,18 +10,21 @@ import numpy as np
 
 from ..fitting.problem import Problem
 from ..mechanisms.causes import Applied, Cause, Named, Number, torque
+from ..mechanisms.compliance import PAYLOAD
 from ..mechanisms.motors import joint_axis
 from ..mechanisms.terms import Mechanism
 from ..robot.gravity import find_gravity_joints
 from .unregistered import build_cell
+from .whole_torques import OF_BOTH, find_load
 
 # the power of which an error is looked for everywhere; the others stand beside a finding
 SQUARE = "2"
 
 
-def build_powers(problem: Problem, joint: int) -> dict[str, Mechanism]:
-    """Build a joint's motions with powers of its torque over the typical one, by the power."""
-    share = scale_torque(problem, joint)
+def build_powers(problem: Problem, joint: int, load: Cause | None = None) -> dict[str, Mechanism]:
+    """Build a joint's motions with powers of its torque over the typical one, by the power. `load`: one
+    of `list_loads`, by default of the arm's own weight."""
+    share = scale_torque(problem, joint, load)
     if share is None:
         return {}
     size = Applied("abs", share)
@@ -36,16 +39,25 @@ def build_powers(problem: Problem, joint: int) -> dict[str, Mechanism]:
     place = joint, joint_axis(problem.robot, joint)
     built = {}
     for power, cause in powers.items():
-        words = f"torque{joint} to the power {power}"
-        sentence = f"Joint {joint} yields with the gravity torque about it to the power {power}"
+        words = f"{name_load(joint, load)} to the power {power}"
+        of_both = OF_BOTH if load is not None and PAYLOAD in load.names() else ""
+        sentence = (
+            f"Joint {joint} yields with the gravity torque about it{of_both} to the power {power}"
+        )
         built[power] = build_cell(place, (cause,), words, sentence)
     return built
 
 
-def scale_torque(problem: Problem, joint: int) -> Cause | None:
-    """A joint's torque over the typical one; None where there is none."""
-    load = torque(joint)
-    values = problem.state.value(f"torque{joint}")
+def name_load(joint: int, load: Cause | None) -> str:
+    """Name the torque about a joint, of the arm's own weight or with the payload's."""
+    is_whole = load is not None and PAYLOAD in load.names()
+    return f"torque{joint} with the payload" if is_whole else f"torque{joint}"
+
+
+def scale_torque(problem: Problem, joint: int, load: Cause | None = None) -> Cause | None:
+    """A joint's torque over the typical one; None where there is none. `load`: as of `build_powers`."""
+    load = torque(joint) if load is None else load
+    values = np.asarray(load.of(problem.state))
     mean = np.abs(values).mean()
     typical = float(f"{mean:.4g}")
     if not typical:
@@ -79,6 +91,6 @@ def generate_powers(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
     joint, axis = places[0]
     if len(places) > 1 or joint > problem.robot.n:
         return
-    is_motion = axis == joint_axis(problem.robot, joint)
-    if is_motion and found.names() == {f"torque{joint}"}:
-        yield from build_powers(problem, joint).values()
+    load = find_load(problem.robot, joint, found.names())
+    if axis == joint_axis(problem.robot, joint) and load is not None:
+        yield from build_powers(problem, joint, load).values()

@@ -1,28 +1,51 @@
-"""Where measurements tell a joint's whole gravity torque, of the arm's own weight and of the payload,
-from that of the payload alone.
+"""A joint's whole gravity torque, of the arm's own weight and of the payload, and where measurements tell
+it from that of the payload alone.
 
 The payload must differ from row to row. About a wrist's joint the arm's own weight is next to nothing:
 the payload's torque is the whole one there, and has a name already."""
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 
 from ..fitting.problem import Problem
-from ..mechanisms.compliance import PAYLOAD, payload_torque
-from ..mechanisms.motors import motor_torque
-from ..mechanisms.terms import Mechanism
+from ..mechanisms.causes import Cause, torque
+from ..mechanisms.compliance import PAYLOAD, payload_torque, whole_torque
+from ..mechanisms.motors import is_coupled, motor_torque
+from ..robot.kinematics import Robot
 
 # share of the payload's torque, both by how much they change, from which the arm's own is seen
 LEAST_OWN = 0.1
+# what is said of such a torque
+OF_BOTH = ", of the arm's weight and of the payload,"
 
 
-def has_both_loads(problem: Problem, mechanism: Mechanism) -> bool:
-    """Return whether the payload changes on these rows and a drive's own torque is seen beside it."""
-    joint = mechanism.joint
-    payload = problem.value(PAYLOAD)
-    if joint is None or not np.ptp(payload):
+def sees_both_loads(problem: Problem, joint: int) -> bool:
+    """Return whether masses are declared, the payload changes on these rows, and a drive's own torque is
+    seen beside that of the payload."""
+    is_declared = any(one.mass for one in problem.robot.joints)
+    if not is_declared or PAYLOAD not in problem.names():
         return False
+    payload = problem.value(PAYLOAD)
     own = problem.cause(motor_torque(problem.robot, joint))
     held = problem.cause(payload_torque(problem.robot, joint))
-    return bool(np.std(own) >= LEAST_OWN * np.std(held))
+    return bool(np.ptp(payload) and np.std(own) >= LEAST_OWN * np.std(held))
+
+
+def list_loads(robot: Robot, joint: int) -> tuple[Cause, ...]:
+    """List the torques about a joint that something may depend on: of the arm's own weight, and with the
+    payload's where no other drive moves the joint."""
+    own = torque(joint)
+    if is_coupled(robot, joint):
+        return (own,)
+    return own, whole_torque(robot, joint)
+
+
+def find_load(robot: Robot, joint: int, names: Collection[str]) -> Cause | None:
+    """Find the torque about a joint that has just these names; None where none has."""
+    for load in list_loads(robot, joint):
+        if load.names() == names:
+            return load
+    return None

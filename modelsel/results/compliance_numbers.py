@@ -11,6 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .._typing import Array
+from ..diagnosis.whole_torques import find_load
+from ..mechanisms.causes import torque
 from ..mechanisms.compliance import needs_both_loads, payload_torque, whole_torque
 from ..mechanisms.motors import motor_torque, name_drive
 from ..mechanisms.terms import Mechanism
@@ -48,13 +50,14 @@ def measure_joint_turn(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]
     screw = mechanism.terms[0].screws[0]
     joint = screw.frame
     workspace = fitted.workspace
-    torques = np.abs(workspace.problem.value(f"torque{joint}"))
+    load = find_load(workspace.problem.robot, joint, mechanism.names())
+    torques = np.abs(workspace.problem.cause(torque(joint) if load is None else load))
     seen = torques[: workspace.measured]
     row = int(seen.argmax())
     turn, each = fitted.turn(joint, TURNS)
     angle = fitted.length_at(turn, each, row)
-    torque = format_figure(float(torques[row]))
-    newton_metres = f" ({torque} N m)" if _has_masses(workspace) else ""
+    largest = format_figure(float(torques[row]))
+    newton_metres = f" ({largest} N m)" if _has_masses(workspace) else ""
     words = f"turn of joint {joint} at its largest measured torque{newton_metres}"
     moved = fitted.moved_at(row)
     yield express(words, angle.scale(MILLI), "mrad")
