@@ -30,6 +30,7 @@ from modelsel.calibration.constant_part import (
 from modelsel.calibration.export import FORMS, export
 from modelsel.calibration.export.form import write_difference
 from modelsel.calibration.export.python import read_module_data
+from modelsel.calibration.loading import parse_calibration
 from modelsel.calibration.prediction import predict
 from modelsel.cli.main import run_command_line
 from modelsel.config.study_file import parse_study
@@ -43,7 +44,7 @@ from modelsel.fitting.whitening import Whitening
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.cause_functions import FUNCTIONS
 from modelsel.mechanisms.causes import Applied, Combined, Member, Named, Number, shifted
-from modelsel.mechanisms.registry import mechanism
+from modelsel.mechanisms.registry import build_mechanisms, mechanism
 from modelsel.robot.dh import compute_dh_rows
 from modelsel.robot.files import builtin_names, load_robot, read_robot, robot_from_table
 from modelsel.robot.gravity import compute_joint_torques
@@ -314,6 +315,30 @@ def test_python_hangs_a_payload_where_all_targets_have_it(rng) -> None:
     split = Split(at, every_row, ~every_row, np.zeros(120, np.intp), True)
     c = calibrate("hangs", split, fit(at, model), Floor(0.02, "stated"), None, False, {})
     assert export(c, "python").error_mm < 1e-9
+
+
+def test_python_weighs_the_payload_with_the_arm(rng) -> None:
+    """A spring and a play under one torque of both: the program, the stored calibration and a prediction
+    take the payload of each row."""
+    robot = load_robot("ur5e")
+    payload = rng.choice([0.0, 2.0, 5.0], 60)
+    q = robot.draw(rng, 60)
+    data = build_measurements(q, np.zeros((60, 3)), covariates={"payload_kg": payload})
+    whole = [build_mechanisms(name, robot)[-1] for name in ("joint-compliance:2", "backlash:3")]
+    assert all("payload_kg" in one.names() for one in whole)
+    model = Model(tuple(whole))
+    theta = np.array([t.size[1] / 10 for t in model.terms])
+    at = planted(Problem(robot, data, np.array([40.0, 30.0, 90.0])), model.terms, theta, rng, 0.02)
+    every_row = np.ones(60, bool)
+    split = Split(at, every_row, ~every_row, np.zeros(60, np.intp), True)
+    c = calibrate("whole", split, fit(at, model), Floor(0.02, "stated"), None, False, {})
+    found = export(c, "python")
+    assert found.error_mm < 1e-9
+    assert "payload_kg" in read_module_data(found.text)["needs"]
+    restored = parse_calibration(calibration_text(c))
+    heavy = replace(at, data=replace(data, covariates={"payload_kg": payload + 3.0}))
+    moved = predict(restored, heavy) - predict(restored, at)
+    assert np.ptp(moved) > 0.1
 
 
 def test_python_knows_the_beam(rng) -> None:

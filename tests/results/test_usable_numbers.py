@@ -160,6 +160,23 @@ def test_compliance_is_wind_up_at_full_stretch_and_one_stiffness() -> None:
     assert stiffness.high == pytest.approx(1 / (2e-5 * (1 - 1.96 * 0.05)))
 
 
+def test_a_spring_under_weight_and_payload_has_its_stiffness_where_both_together_are_largest() -> (
+    None
+):
+    one = build_mechanisms("joint-compliance:2", ARM)[-1]
+    effect = fitted(one, 2e-5)
+    workspace = effect.workspace
+    q, problem = workspace.q, workspace.problem
+    own = compute_joint_torques(ARM, pose(ARM, q, TOOL), q)[1]
+    held = problem.value("payload_kg") * problem.value("torque2_7")
+    largest = np.abs(own + held).max()
+    usable = {u.quantity.partition(" (")[0]: u for u in list_usable(one, effect)}
+    wound = usable["wind-up of joint 2 under the arm's weight and the payload at full stretch"]
+    assert wound.value == pytest.approx(2e-5 * largest * 1e3)
+    assert f"({format_figure(float(largest))} N m)" in wound.quantity
+    assert usable["stiffness"].value == pytest.approx(1 / 2e-5)
+
+
 def test_two_functions_of_one_torque_have_the_size_of_their_sum_and_no_stiffness() -> None:
     """At the largest torque that was measured, with the covariance of both."""
     load = torque(2)

@@ -46,6 +46,17 @@ def test_candidates_say_what_they_lack(rng: np.random.Generator) -> None:
     assert find_untested("all", problem, mechanisms).note() == ()
 
 
+def test_a_compliance_can_be_tested_without_a_payload(rng: np.random.Generator) -> None:
+    """One of its forms has the payload; a mechanism that has no other needs it."""
+    data = build_measurements(rng.uniform(-1, 1, (10, 6)), np.zeros((10, 3)))
+    problem = Problem(ROBOT, data, np.zeros((1, 3)))
+    asked = ["joint-compliance:2", "backlash", "payload-deflection:2"]
+    mechanisms = [m for name in asked for m in build_mechanisms(name, ROBOT)]
+    untested = find_untested(asked, problem, mechanisms)
+    assert untested.select_tested(asked) == ["joint-compliance:2", "backlash"]
+    assert set(untested.missing) == {"payload-deflection:2"}
+
+
 def measured_once(asked: list[str], rng: np.random.Generator) -> tuple[Problem, list[Mechanism]]:
     """A campaign in which target B is measured once, at its end, and the candidates asked for."""
     target = [*"A" * 19, "B"]
