@@ -113,12 +113,14 @@ def _choose_places(readings: Array, most: int) -> Array:
 
 def _generate_powers(problem: Problem) -> Iterator[Unregistered]:
     for j in find_gravity_joints(problem.robot):
-        own, *others = list_loads(problem.robot, j)
-        loads = [own, *(load for load in others if sees_both_loads(problem, j))]
-        for load in loads:
+        loads = list_loads(problem.robot, j)
+        seen = len(loads) if sees_both_loads(problem, j) else 1
+        for load in loads[:seen]:
             powers = build_powers(problem, j, load)
-            if powers:
-                yield Unregistered(powers[SQUARE], CandidateKind.POWER, 1.0)
+            if not powers:
+                continue
+            square = powers[SQUARE]
+            yield Unregistered(square, CandidateKind.POWER, 1.0)
 
 
 def _generate_periods(robot: Robot) -> Iterator[Unregistered]:

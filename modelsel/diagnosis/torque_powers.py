@@ -50,15 +50,22 @@ def build_powers(problem: Problem, joint: int, load: Cause | None = None) -> dic
 
 def name_load(joint: int, load: Cause | None) -> str:
     """Name the torque about a joint, of the arm's own weight or with the payload's."""
-    is_whole = load is not None and PAYLOAD in load.names()
-    return f"torque{joint} with the payload" if is_whole else f"torque{joint}"
+    name = f"torque{joint}"
+    if load is None:
+        return name
+    names = load.names()
+    if PAYLOAD in names:
+        return f"{name} with the payload"
+    return name
 
 
 def scale_torque(problem: Problem, joint: int, load: Cause | None = None) -> Cause | None:
     """A joint's torque over the typical one; None where there is none. `load`: as of `build_powers`."""
-    load = torque(joint) if load is None else load
+    if load is None:
+        load = torque(joint)
     values = np.asarray(load.of(problem.state))
-    mean = np.abs(values).mean()
+    size = np.abs(values)
+    mean = size.mean()
     typical = float(f"{mean:.4g}")
     if not typical:
         return None

@@ -25,13 +25,20 @@ OF_BOTH = ", of the arm's weight and of the payload,"
 def sees_both_loads(problem: Problem, joint: int) -> bool:
     """Return whether masses are declared, the payload changes on these rows, and a drive's own torque is
     seen beside that of the payload."""
-    is_declared = any(one.mass for one in problem.robot.joints)
-    if not is_declared or PAYLOAD not in problem.names():
+    robot = problem.robot
+    is_declared = any(one.mass for one in robot.joints)
+    known = problem.names()
+    if not is_declared or PAYLOAD not in known:
         return False
     payload = problem.value(PAYLOAD)
-    own = problem.cause(motor_torque(problem.robot, joint))
-    held = problem.cause(payload_torque(problem.robot, joint))
-    return bool(np.ptp(payload) and np.std(own) >= LEAST_OWN * np.std(held))
+    span = np.ptp(payload)
+    if not span:
+        return False
+    own = problem.cause(motor_torque(robot, joint))
+    held = problem.cause(payload_torque(robot, joint))
+    spread = np.std(own)
+    least = LEAST_OWN * np.std(held)
+    return bool(spread >= least)
 
 
 def list_loads(robot: Robot, joint: int) -> tuple[Cause, ...]:

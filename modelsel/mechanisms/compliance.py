@@ -90,20 +90,27 @@ def joint_compliance(robot: Robot, joint: int, masses: int) -> Mechanism:
 
 def payload_torque(robot: Robot, joint: int) -> Cause:
     """Build the torque [N m] that a drive holds of the payload, which hangs at the target."""
-    return Named(PAYLOAD, "kg") * motor_torque(robot, joint, robot.n + 1)
+    payload = Named(PAYLOAD, "kg")
+    target = robot.n + 1
+    of_one_kg = motor_torque(robot, joint, target)
+    return payload * of_one_kg
 
 
 def whole_torque(robot: Robot, joint: int) -> Cause:
     """Build the torque [N m] that a drive holds of the arm's own masses and of the payload."""
     own = motor_torque(robot, joint)
-    return own + payload_torque(robot, joint)
+    held = payload_torque(robot, joint)
+    return own + held
 
 
 def needs_both_loads(mechanism: Mechanism) -> bool:
     """Return whether a mechanism depends on the torque of the arm's own weight and on the payload."""
     names = mechanism.names()
-    has_own = any(state_kind(name) is StateKind.TORQUE for name in names)
-    return has_own and PAYLOAD in names
+    if PAYLOAD not in names:
+        return False
+    kinds = [state_kind(name) for name in names]
+    own = StateKind.TORQUE
+    return own in kinds
 
 
 def mass_choices(robot: Robot, joint: int) -> tuple[int, ...]:
@@ -160,7 +167,8 @@ def link_bending(robot: Robot, link: int, masses: int) -> Mechanism:
 def mass_choices_beyond(robot: Robot, link: int) -> tuple[int, ...]:
     """List the choices of masses beyond a link's far end: known ones, then unknown ones."""
     joint = link + 1
-    return tuple(masses for masses in mass_choices(robot, joint) if masses != WITH_PAYLOAD)
+    choices = mass_choices(robot, joint)
+    return choices[:2]
 
 
 def payload_deflection(robot: Robot, joint: int) -> Mechanism:

@@ -103,10 +103,14 @@ def list_sides(robot: Robot, joint: int) -> tuple[int, ...]:
     paper's lever of the forearm; where no masses are declared, that alone, and where they are, the
     torque with the payload's, too."""
     pair = find_arm_pair(robot)
-    is_elbow = pair is not None and joint == pair.fore
-    if any(one.mass for one in robot.joints):
-        return (BY_TORQUE, BY_FOREARM, BY_WHOLE) if is_elbow else (BY_TORQUE, BY_WHOLE)
-    return (BY_FOREARM,) if is_elbow else (BY_TORQUE,)
+    is_declared = any(one.mass for one in robot.joints)
+    if pair is None or joint != pair.fore:
+        if is_declared:
+            return (BY_TORQUE, BY_WHOLE)
+        return (BY_TORQUE,)
+    if is_declared:
+        return (BY_TORQUE, BY_FOREARM, BY_WHOLE)
+    return (BY_FOREARM,)
 
 
 def backlash(robot: Robot, joint: int, side: int) -> Mechanism:

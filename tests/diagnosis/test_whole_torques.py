@@ -16,7 +16,9 @@ from modelsel.diagnosis.candidates import Candidate, build_candidates
 from modelsel.diagnosis.effects import Effect
 from modelsel.diagnosis.outcome import Diagnosis
 from modelsel.diagnosis.signatures import LEVELS, PROVEN
-from modelsel.diagnosis.torque_powers import build_powers
+from modelsel.diagnosis.soft_shapes import generate_soft_springs, list_springs
+from modelsel.diagnosis.torque_functions import find_loaded_joint
+from modelsel.diagnosis.torque_powers import build_powers, generate_powers
 from modelsel.diagnosis.whole_torques import find_load, list_loads, sees_both_loads
 from modelsel.fitting.design import Model
 from modelsel.fitting.problem import Problem
@@ -149,6 +151,30 @@ def test_a_spring_that_stiffens_under_weight_and_payload_is_one_finding(rng: Rng
     assert effect.claim is not None
     assert effect.claim.bend == "stiffens"
     assert has_payload(effect)
+
+
+@seeds(1)
+def test_springs_under_weight_and_payload_stand_in_the_place_of_a_spring_and_a_play(
+    rng: Rng,
+) -> None:
+    arm = load_robot("ur5e")
+    at = build_problem(arm, rng.choice([0.0, 2.0, 5.0], 40), rng)
+    _, whole = list_loads(arm, 2)
+    spring, play = (
+        build_mechanisms(f"{one}:2", arm)[-1] for one in ("joint-compliance", "backlash")
+    )
+    springs = list_springs(at, (2, "rz"), (spring, play))
+    assert {one.names() for one in springs} == {whole.names()}
+    assert set(build_powers(at, 2, whole).values()) < set(springs)
+    own = [build_mechanisms(f"{one}:2", arm)[0] for one in ("joint-compliance", "backlash")]
+    assert {one.names() for one in list_springs(at, (2, "rz"), own)} == {frozenset({"torque2"})}
+    square = build_powers(at, 2, whole)["2"]
+    beside = list(generate_soft_springs(at, square))
+    assert beside
+    assert set(beside) < set(springs)
+    rivals = set(generate_powers(at, spring))
+    assert square in rivals
+    assert find_loaded_joint(arm, square) == 2
 
 
 def build_problem(arm: Robot, payload: Array | None, rng: Rng) -> Problem:
