@@ -24,7 +24,7 @@ from .driver_functions import STILL
 from .joint_bumps import describe_reading, generate_likely_bumps
 from .torque_powers import SQUARE, build_powers
 from .unregistered import Causes, Unregistered, build_cell
-from .whole_torques import list_loads, sees_both_loads
+from .whole_torques import list_torques, sees_both_loads
 
 # angles at which a jump is looked for, and readings that each side needs
 JUMPS = 96
@@ -113,7 +113,7 @@ def _choose_places(readings: Array, most: int) -> Array:
 
 def _generate_powers(problem: Problem) -> Iterator[Unregistered]:
     for j in find_gravity_joints(problem.robot):
-        loads = list_loads(problem.robot, j)
+        loads = list_torques(problem.robot, j)
         seen = len(loads) if sees_both_loads(problem, j) else 1
         for load in loads[:seen]:
             powers = build_powers(problem, j, load)

@@ -23,7 +23,7 @@ from .driver_functions import scale_driver
 from .simple_shapes import find_own_wave
 from .torque_powers import build_powers, scale_torque
 from .unregistered import build_cell
-from .whole_torques import find_load, list_loads
+from .whole_torques import find_load, list_torques
 
 # typical torques by how far a spring that levels off is softer than at none, and one that stiffens
 # as a root does
@@ -82,7 +82,7 @@ def list_springs(problem: Problem, place: Place, found: Sequence[Mechanism]) -> 
     loaded = find_gravity_joints(robot)
     if joint not in loaded or axis != joint_axis(robot, joint):
         return []
-    own, *others = list_loads(robot, joint)
+    own, *others = list_torques(robot, joint)
     drivers = frozenset[str]().union(*(m.names() for m in found))
     load = next((whole for whole in others if PAYLOAD in drivers), own)
     readings = (f"q{j}" for j in loaded)

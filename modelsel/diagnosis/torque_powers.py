@@ -23,7 +23,7 @@ SQUARE = "2"
 
 def build_powers(problem: Problem, joint: int, load: Cause | None = None) -> dict[str, Mechanism]:
     """Build a joint's motions with powers of its torque over the typical one, by the power. `load`: one
-    of `list_loads`, by default of the arm's own weight."""
+    of `list_torques`, by default of the arm's own weight."""
     share = scale_torque(problem, joint, load)
     if share is None:
         return {}

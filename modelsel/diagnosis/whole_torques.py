@@ -41,7 +41,7 @@ def sees_both_loads(problem: Problem, joint: int) -> bool:
     return bool(spread >= least)
 
 
-def list_loads(robot: Robot, joint: int) -> tuple[Cause, ...]:
+def list_torques(robot: Robot, joint: int) -> tuple[Cause, ...]:
     """List the torques about a joint that something may depend on: of the arm's own weight, and with the
     payload's where no other drive moves the joint."""
     own = torque(joint)
@@ -52,7 +52,7 @@ def list_loads(robot: Robot, joint: int) -> tuple[Cause, ...]:
 
 def find_load(robot: Robot, joint: int, names: Collection[str]) -> Cause | None:
     """Find the torque about a joint that has just these names; None where none has."""
-    for load in list_loads(robot, joint):
+    for load in list_torques(robot, joint):
         if load.names() == names:
             return load
     return None

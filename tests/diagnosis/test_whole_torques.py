@@ -19,7 +19,7 @@ from modelsel.diagnosis.signatures import LEVELS, PROVEN
 from modelsel.diagnosis.soft_shapes import generate_soft_springs, list_springs
 from modelsel.diagnosis.torque_functions import find_loaded_joint
 from modelsel.diagnosis.torque_powers import build_powers, generate_powers
-from modelsel.diagnosis.whole_torques import find_load, list_loads, sees_both_loads
+from modelsel.diagnosis.whole_torques import find_load, list_torques, sees_both_loads
 from modelsel.fitting.design import Model
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
@@ -159,7 +159,7 @@ def test_springs_under_weight_and_payload_stand_in_the_place_of_a_spring_and_a_p
 ) -> None:
     arm = load_robot("ur5e")
     at = build_problem(arm, rng.choice([0.0, 2.0, 5.0], 40), rng)
-    _, whole = list_loads(arm, 2)
+    _, whole = list_torques(arm, 2)
     spring, play = (
         build_mechanisms(f"{one}:2", arm)[-1] for one in ("joint-compliance", "backlash")
     )
@@ -241,7 +241,7 @@ def test_an_arm_without_masses_has_no_whole_torque(rng: Rng) -> None:
 def test_powers_are_of_the_torque_that_they_say(rng: Rng) -> None:
     arm = load_robot("ur5e")
     at = build_problem(arm, rng.choice([0.0, 2.0, 5.0], 40), rng)
-    own, whole = list_loads(arm, 2)
+    own, whole = list_torques(arm, 2)
     held = np.asarray(at.cause(whole))
     assert find_load(arm, 2, whole.names()) == whole
     assert find_load(arm, 2, own.names()) == own

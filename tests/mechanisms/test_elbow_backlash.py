@@ -32,11 +32,12 @@ def list_causes(robot: Robot) -> list[str]:
 
 
 @pytest.mark.parametrize("name", ["ur10e", "ur5", "irb120"])
-def test_declared_masses_offer_both(name: str) -> None:
+def test_declared_masses_offer_both_and_the_torque_with_the_payload(name: str) -> None:
     robot = load_robot(name)
     pair = find_arm_pair(robot)
     assert pair is not None
-    assert list_causes(robot) == [str(TORQUE), str(sign(forearm_lever(pair)))]
+    whole = "sign(torque3+payload_kg*torque3_7)"
+    assert list_causes(robot) == [str(TORQUE), str(sign(forearm_lever(pair))), whole]
     first = build_mechanisms("backlash:3", robot)[0]
     assert first.terms[0].sign == 1
 
