@@ -34,7 +34,7 @@ from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import build_faults, build_mechanisms, every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import builtin_names, load_robot
-from modelsel.robot.gravity import compute_joint_torques
+from modelsel.robot.gravity import compute_joint_torques, compute_unit_moments
 from modelsel.robot.kinematics import Robot, forward, pose
 
 ARM = load_robot("ur10")
@@ -277,20 +277,25 @@ def test_a_one_sided_mechanism_has_a_cell_without_a_name_beside_it(
 
 @pytest.mark.parametrize("name", builtin_names())
 def test_play_yields_to_gravity_as_a_spring_does(name: str) -> None:
-    """The cause of every joint's play by gravity, times its sign, goes with the torque."""
+    """The cause of every joint's play by gravity, times its sign, goes with the torque, that of a
+    payload among it where the play has it."""
     arm = load_robot(name)
-    q = arm.draw(np.random.default_rng(3), 200)
-    at, torque = (
-        bind(arm, build_measurements(q, forward(arm, q, TOOL)), TOOL),
-        compute_joint_torques(arm, pose(arm, q, TOOL), q),
-    )
+    rng = np.random.default_rng(3)
+    q = arm.draw(rng, 200)
+    payload = rng.choice([0.0, 1.0, 3.0], 200)
+    positions = forward(arm, q, TOOL)
+    at = bind(arm, build_measurements(q, positions, covariates={"payload_kg": payload}), TOOL)
+    nominal = pose(arm, q, TOOL)
+    torque = compute_joint_torques(arm, nominal, q)
+    moments = compute_unit_moments(arm, nominal)
     for m in every(arm):
         if m.name.startswith("backlash:"):
             (term,), joint = m.terms, int(m.name.partition(":")[2])
-            assert (
-                np.mean(term.sign * at.cause(term.screws[0].cause) * np.sign(torque[joint - 1]))
-                > 0.5
-            )
+            load = torque[joint - 1]
+            if "payload_kg" in m.names():
+                load = load + payload * moments[joint, arm.n + 1][2]
+            side = term.sign * at.cause(term.screws[0].cause)
+            assert np.mean(side * np.sign(load)) > 0.5
 
 
 # -- what was moved, and arms with slides
