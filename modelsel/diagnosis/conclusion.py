@@ -74,9 +74,9 @@ class Conclusion:
         """The same, as many as claims may be weighed by."""
         search = self.explored.search
         view, chosen = self.view, self.chosen
-        steps = search.nested_steps
+        names = search.nested_names
         weighed = weigh_models(search, view, chosen)
-        return weighed.tell_apart(steps, chosen)
+        return weighed.tell_apart(names, chosen)
 
 
 def conclude(explored: Exploration) -> Conclusion:
@@ -137,10 +137,10 @@ def _settle(concluded: Conclusion) -> Conclusion:
 
 def _name_again(concluded: Conclusion) -> Conclusion:
     """Name effects again where one has lost its name: it was found beside others that were dropped
-    since, or beside a step of some of its targets."""
+    since, beside a step of some of its targets, or beside another spring of its joint."""
     explored, chosen, view = concluded.explored, concluded.chosen, concluded.view
     search, path = explored.search, explored.progress.path
-    apart = search.nested_steps.tell_apart(chosen)
+    apart = search.nested_names.tell_apart(chosen)
     is_apart = set(apart) == set(chosen)
     if is_apart and all(holds_name(search, g, view) for g in chosen):
         return concluded

@@ -36,7 +36,7 @@ from .evidence import MIN_LOG_ODDS, Chance, compute_familywise_p, draw_null
 from .joint_curves import collect_curves, find_better_curve, see_rest
 from .kept_causes import KeptCauses
 from .mechanism_families import Family, find_families
-from .nested_steps import NestedSteps
+from .nested_names import NestedNames
 from .options import DEFAULT_OPTIONS
 from .residual_tests import adjust_residual, compute_flip_p, draw_flips, partition_rows
 from .scan import Response, Scan
@@ -119,7 +119,7 @@ class Search:
             "families",
             "bumped",
             "numbers",
-            "nested_steps",
+            "nested_names",
             "close_steps",
             "acting_parts",
             "signatures",
@@ -154,11 +154,11 @@ class Search:
         return find_close_steps(self.problem, self.candidates)
 
     @cached_property
-    def nested_steps(self) -> NestedSteps:
-        """The steps of targets among the candidates."""
+    def nested_names(self) -> NestedNames:
+        """The candidates that say together what others say."""
         problem = self.problem
         candidates = self.candidates
-        return NestedSteps(problem, candidates)
+        return NestedNames(problem, candidates)
 
     @cached_property
     def acting_parts(self) -> tuple[Candidate, ...]:
@@ -335,7 +335,7 @@ class Search:
         out."""
         bumps = self._list_bumps(self.list_bumped_beside(g, view))
         chosen = self._list_chosen(view)
-        same = self.nested_steps.list_other_names(g, chosen)
+        same = self.nested_names.list_other_names(g, chosen)
         others = bumps[bumps != g]
         close = self.close_steps.list_beside([other for other in chosen if other != g])
         return np.concatenate([self.dead, others, same, close])

@@ -10,7 +10,7 @@ import numpy as np
 
 from .._typing import Array, Index, Mask
 from .candidates import Candidate
-from .nested_steps import NestedSteps
+from .nested_names import NestedNames
 from .signatures import Parts
 
 # most probable sets that are reported
@@ -59,15 +59,14 @@ class VisitedModels(NamedTuple):
                 return one
         return None
 
-    def tell_apart(self, steps: NestedSteps, chosen: Sequence[int]) -> VisitedModels:
-        """Tell the steps of targets in the sets each by the targets that no other one of its set moves
-        at once; the `chosen` set as it is."""
+    def tell_apart(self, names: NestedNames, chosen: Sequence[int]) -> VisitedModels:
+        """Tell what two effects of a set say together each by its own; the `chosen` set as it is."""
         now = tuple(sorted(chosen))
         told: list[tuple[int, ...]] = []
         for one in self.sets:
             apart = one
             if one != now:
-                apart = steps.tell_apart(one)
+                apart = names.tell_apart(one)
             told.append(apart)
         sets = tuple(told)
         return self._replace(sets=sets)

@@ -127,6 +127,25 @@ def test_a_spring_under_the_own_weight_alone_keeps_its_name(rng: Rng) -> None:
 
 
 @pytest.mark.slow
+@seeds(1, 2, 3)
+def test_masses_that_are_declared_wrongly_leave_the_payload_its_own_spring(rng: Rng) -> None:
+    """The spring under the payload is told with its stiffness, whatever the masses; it is not what another
+    one under both leaves."""
+    arm, q, payload = draw(rng)
+    own, held = torques_of(arm, 2, q, payload)
+    wrongly = float(rng.choice([0.4, 2.5]))
+    size = rng.uniform(1.5e-3, 2.5e-3) / np.abs(wrongly * own + held).max()
+    diagnosis = diagnose(arm, q, payload, 2, size * (wrongly * own + held), rng)
+    labels = {effect.candidate.label: effect for effect in diagnosis.effects}
+    effect = labels["payload-deflection:2"]
+    assert effect.claim is not None
+    assert effect.claim.levels[LEVELS.index("cause")] >= PROVEN
+    assert effect.estimate[0] == pytest.approx(size, abs=5 * effect.standard_error[0])
+    others = [one for label, one in labels.items() if label != effect.candidate.label]
+    assert not any(has_payload(one) for one in others)
+
+
+@pytest.mark.slow
 @seeds(1, 2)
 def test_play_falls_to_the_side_of_weight_and_payload(rng: Rng) -> None:
     arm, q, payload = draw(rng)
