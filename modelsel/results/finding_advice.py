@@ -12,6 +12,7 @@ from ..diagnosis.data_faults import FaultKind
 from ..diagnosis.signatures import LEVELS
 from ..exceptions import one_line, sentence_list
 from ..measurements.state_names import parse_state_name
+from ..mechanisms.compliance import PAYLOAD
 from ..mechanisms.instrument import MISREADINGS
 from ..selection.gain import Change
 from ..setup.registration import MIN_CONFIGURATIONS
@@ -56,6 +57,10 @@ _ANGLE = (MODEL, "correct it over the angle of {joint}; that holds until the joi
 _LOAD = (
     MODEL,
     "the joint angles alone predict it, under the load that was measured; for other loads, record payload_kg and measure again",
+)
+_HELD = (
+    MODEL,
+    "the joint angles and the payload predict it, with payload_kg in every plan that is corrected",
 )
 _WARM = (MODEL, "with the temperature measured along, or calibrate and work at one temperature")
 _INSTRUMENT = (
@@ -276,7 +281,9 @@ def _choose_by_name(record: StudyRecord, finding: FindingRecord, stem: str) -> t
         # each of several targets has screws of its own at these
         return _ONE_TARGET if len(places) == len(fitted.screws) else _SOME_TARGETS
     unlisted = _OF_A_PLUGIN if stem else _UNNAMED
-    return BY_STEM.get(stem, unlisted)
+    chosen = BY_STEM.get(stem, unlisted)
+    is_held = any(PAYLOAD in screw.cause for screw in fitted.screws)
+    return _HELD if is_held and chosen == _LOAD else chosen
 
 
 def _correct_over_drivers(fitted: EntryRecord) -> str:

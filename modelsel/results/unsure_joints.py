@@ -85,7 +85,8 @@ def describe_noise_floor(record: StudyRecord) -> str:
     is_whole = source != ESTIMATED or not unsure.matter
     if is_whole:
         return f"{whole} ({source})"
-    coordinate = unsure.rest_mm / sqrt(3)
+    length = sqrt(3) * floor.coordinate_mm if floor.rms_mm is None else floor.rms_mm
+    coordinate = floor.coordinate_mm * unsure.rest_mm / length
     alone = write_rounded(coordinate)
     return f"{alone} mm per coordinate ({source}), and with {unsure.words} {whole}"
 

@@ -93,6 +93,19 @@ def test_a_free_function_is_corrected_over_its_driver_whatever_frame_moves(
     assert advice.sentence == f"Model: correct it {words}."
 
 
+@pytest.mark.parametrize("name", ["joint-compliance:2", "payload-deflection:2"])
+def test_a_spring_with_the_payload_in_it_is_predicted_from_it(drawn, name: str) -> None:
+    record = read_source(drawn).record
+    finding = record.findings[1]
+    said = []
+    for cause in ("torque2", "torque2+payload_kg*torque2_7"):
+        screws = [finding.first.screws[0].model_copy(update={"cause": cause})]
+        entry = finding.first.model_copy(update={"mechanism": name, "screws": screws})
+        said.append(advise(record, finding.model_copy(update={"credible_set": [entry]})).sentence)
+    assert said[0].endswith("for other loads, record payload_kg and measure again.")
+    assert said[1].endswith("with payload_kg in every plan that is corrected.")
+
+
 @pytest.mark.parametrize(
     ("name", "rows", "words"),
     [

@@ -79,8 +79,14 @@ def test_a_part_that_hardly_matters_is_not_told() -> None:
     ],
 )
 def test_a_page_says_the_same_of_the_floor(source: str, said: str) -> None:
-    floor = SimpleNamespace(coordinate_mm=0.08, source=source)
+    floor = SimpleNamespace(coordinate_mm=0.08, source=source, rms_mm=None)
     record = SimpleNamespace(noise_floor=floor, repeatability=records(INSTRUMENT, LOOSE))
     assert describe_noise_floor(record) == said
+    # of rows with two coordinates on average, a length of as much is more in each of these
+    two = SimpleNamespace(coordinate_mm=0.08, source=source, rms_mm=0.08 * 2**0.5)
+    fewer = SimpleNamespace(noise_floor=two, repeatability=record.repeatability)
+    assert describe_noise_floor(fewer).startswith(
+        "0.0245 mm" if source == "estimated" else "0.0800 mm"
+    )
     bare = SimpleNamespace(noise_floor=floor, repeatability=[])
     assert describe_noise_floor(bare) == f"0.0800 mm per coordinate ({source})"
