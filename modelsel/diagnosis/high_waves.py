@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .._typing import Array
+from .._typing import Array, Mask
 from ..fitting.problem import Problem
 from ..mechanisms.drives import HIGH_WAVES, WAVES, gear_ripple
 from ..mechanisms.motors import is_coupled
@@ -23,6 +23,7 @@ from ..mechanisms.waves import find_common_wave
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate, find_cell_prior
 from .reshaping import go_on_with
+from .simple_shapes import find_own_wave
 from .stepwise import Exploration
 from .unregistered import RARE_WEIGHT, build_wave
 from .wave_aliases import list_aliases
@@ -42,6 +43,9 @@ AROUND, QUARTER = 1.0, 0.25
 COMPARABLE, MOST_OTHERS = 12.0, 8
 # differences of log odds that are rounding
 ROUNDING = 1e-6
+# waves a turn from which a chosen wave's harmonics are told from others, and the least of these: a motor
+# may err once and twice a turn
+FEWEST_WAVES, LEAST_MULTIPLE = 10, 3
 # waves that are looked for one after the other
 MOST_WAVES = 8
 
@@ -83,7 +87,8 @@ def list_high_waves(explored: Exploration, problem: Problem) -> list[Candidate]:
     residual's own rows are the referee, drawn for the waves of that drive. Whether a wave is named, the
     search decides by its own rules. Nor is a wave offered that explains less than a tenth of what is left along its drive's motion:
     the noise would hardly be less, and many rows show some beyond chance wherever a model errs a little.
-    Drives whose ripple is not scanned are left out; so are all where distances are measured between two
+    Multiples of a wave that the search has chosen, three times as many or more, are left to shapes of that
+    wave, such as a square one. Drives whose ripple is not scanned are left out; so are all where distances are measured between two
     configurations, where a turn of the drive has two readings in one row."""
     search = explored.search
     ripples = find_ripples(problem, search.candidates)
@@ -102,6 +107,7 @@ def list_high_waves(explored: Exploration, problem: Problem) -> list[Candidate]:
         if own.compute_sign_p(SCREENED, block) > LEVEL:
             continue
         ripple = ripples[joint]
+        chance[_find_multiples(explored, joint, own.angles)] = 0.0
         numbers = _choose_numbers(problem, joint, chance)
         for number in numbers:
             candidate = _build_candidate(problem, joint, number, ripple, cell)
@@ -109,6 +115,25 @@ def list_high_waves(explored: Exploration, problem: Problem) -> list[Candidate]:
             if candidate.prior and is_new:
                 more.append(candidate)
     return more
+
+
+def _find_multiples(explored: Exploration, joint: int, angles: Array) -> Mask:
+    """Find (K,) the numbers that are whole multiples, LEAST_MULTIPLE or more, of a wave that a search has
+    chosen for a joint: what is no sine has such harmonics. Over a part of a turn, `angles` (m,), numbers
+    beside them look much the same."""
+    numbers = SCREENED.values
+    width = 2 * np.pi / max(np.ptp(angles), STEP)
+    found = np.zeros(len(numbers), bool)
+    for candidate in explored.chosen:
+        own, count = find_own_wave(candidate.mechanism)
+        if own != joint or not FEWEST_WAVES <= count <= WAVES[-1]:
+            continue
+        multiple = numbers / count
+        nearest = np.round(multiple)
+        distance = np.abs(numbers - nearest * count)
+        is_near = distance <= width
+        found |= is_near & (nearest >= LEAST_MULTIPLE)
+    return found
 
 
 def compute_bound(drives: int) -> float:

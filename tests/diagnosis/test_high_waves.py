@@ -94,6 +94,17 @@ def test_a_lower_wave_is_left_to_every_search(rng: np.random.Generator) -> None:
     assert list_high_waves(explored, waved.problem) == []
 
 
+@seeds(1, 2, 3)
+def test_harmonics_of_a_square_wave_are_left_to_its_shape(rng: np.random.Generator) -> None:
+    """Three and five times as many waves were found in the place of a shape that jumps."""
+    waved = plant_wave(rng, 12.0, rows=200, counts=(25, 50), is_square=True)
+    found = search_ripples(waved, rng)
+    assert waved.count in {find_own_wave(one.mechanism)[1] for one in found.chosen}
+    offered = {find_own_wave(one.mechanism) for one in list_high_waves(found, waved.problem)}
+    beside = {abs(count - 3 * waved.count) for joint, count in offered if joint == waved.joint}
+    assert min(beside, default=9) > 1
+
+
 @seeds(1, 2)
 def test_what_is_offered_shares_the_prior_of_its_name(rng: np.random.Generator) -> None:
     waved = plant_wave(rng, 3.0)

@@ -91,7 +91,8 @@ def test_a_payload_beside_the_last_axis_loads_the_last_joint() -> None:
     # a tool may hang there that the file's masses leave out
     built = build_mechanisms("joint-compliance:6", load_robot("ur5e"))
     symbols = [[term.symbol for term in one.terms] for one in built]
-    assert symbols == [["c6"], ["c6m7"]]
+    assert symbols == [["c6"], ["c6m7"], ["c6"]]
+    assert ["payload_kg" in one.names() for one in built] == [False, False, True]
     turned = replace(robot, gravity=None)
     assert find_payload_joints(turned) == ()
 

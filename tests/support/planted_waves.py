@@ -37,12 +37,13 @@ def plant_wave(
     grid_degrees: float = 0.0,
     joints: tuple[int, ...] = (1, 2, 3, 4),
     loose: float = 0.0,
+    is_square: bool = False,
 ) -> Waved:
     """Measure a drawn arm with errors of assembly, of which a joint stands off its reading by a sine: `times`
     as far at the target as an instrument of `sigma` [mm] errs in one coordinate, in the rms.
 
     `grid_degrees`: commanded angles are its multiples; `loose`: the same joint also stands off by a
-    draw of every row, as far as that."""
+    draw of every row, as far as that; `is_square`: the sign of the sine in its place."""
     robot = load_robot(str(rng.choice(ARMS)))
     body = arm(robot, rng, (40.0, -25.0, 100.0))
     q = body.draw(rng, rows)
@@ -53,6 +54,8 @@ def plant_wave(
     count = int(rng.integers(counts[0], counts[1] + 1))
     phase = rng.uniform(0, 2 * np.pi)
     wave = np.sin(count * q[:, joint - 1] + phase)
+    if is_square:
+        wave = np.sign(wave)
     exact = body.chain(q)[0]
     turned = np.zeros_like(q)
     turned[:, joint - 1] = 1e-5
