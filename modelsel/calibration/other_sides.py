@@ -55,6 +55,6 @@ def _describe_other_side(one: Mechanism, other: OtherSide) -> str:
     size = write_rounded(other.rms_mm, 2)
     return (
         f"{one.name}, an error {own}, may as well be {other.label}, an error of the {opposite} "
-        f"(probability {other.share:.2f}): then the calibrated arm is {size} mm rms off. "
-        "A length that is known from elsewhere, measured by this instrument, tells which."
+        f"(probability {other.share:.2f}): then the calibrated arm is {size} mm rms off, "
+        "which this instrument does not show. A length that is known from elsewhere tells which."
     )

@@ -18,15 +18,23 @@ from ..mechanisms.compliance import needs_both_loads
 from .candidates import Candidate
 
 COMPLIANCE, DEFLECTION = "joint-compliance", "payload-deflection"
+# by which shoulder and elbow yield to the arm's weight, too
+TWISTS = ("joint2-twist", "joint3-twist", "gravity-twist")
 
 
 class _Springs(NamedTuple):
     """The candidates that are springs of one joint: of the arm's declared weight, of the payload, and of
-    both."""
+    both; `twists`: what else has the joint yield to the arm's weight."""
 
     own: int
     payload: int
     whole: int
+    twists: frozenset[int]
+
+    @property
+    def numbers(self) -> set[int]:
+        """The springs."""
+        return {self.own, self.payload, self.whole}
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,33 +47,47 @@ class NestedLoads:
         """List the candidates that say beside `others` what candidate g says."""
         names: set[int] = set()
         for springs in self.joints:
-            numbers = set(springs)
+            numbers = springs.numbers
             beside = numbers.intersection(others) - {g}
             if g in numbers and beside:
                 names |= numbers - beside - {g}
+            if g == springs.payload and springs.twists.intersection(others):
+                names.add(springs.whole)
         return np.array(sorted(names), dtype=np.intp)
 
     def tell_apart(self, members: Sequence[int]) -> tuple[int, ...]:
-        """Tell two springs of one joint among some candidates by the arm's weight and by the payload."""
+        """Tell two springs of one joint among some candidates by the arm's weight and by the payload, and
+        of one beside a twist by the arm's weight what it says of the payload."""
         told = set(members)
         for springs in self.joints:
-            numbers = set(springs)
+            numbers = springs.numbers
             if len(numbers & told) > 1:
                 told -= numbers
                 told |= {springs.own, springs.payload}
+            elif springs.whole in told and springs.twists & told:
+                told.remove(springs.whole)
+                told.add(springs.payload)
         return tuple(sorted(told))
 
 
 def find_nested_loads(candidates: Sequence[Candidate]) -> NestedLoads:
     """Find the springs of the joints of which all three kinds are candidates."""
     joints: dict[int, dict[str, int]] = {}
+    twists: dict[int, set[int]] = {}
     for g, candidate in enumerate(candidates):
         joint = candidate.mechanism.joint
         kind = _find_kind(candidate)
         if joint is not None and kind:
             springs = joints.setdefault(joint, {})
             springs[kind] = g
-    complete = [_Springs(**springs) for springs in joints.values() if len(springs) == 3]
+        if candidate.registered and candidate.mechanism.stem in TWISTS:
+            for moved, _ in candidate.mechanism.names_by_place():
+                twists.setdefault(moved, set()).add(g)
+    complete = []
+    for joint, springs in joints.items():
+        if len(springs) == 3:
+            others = frozenset(twists.get(joint, ()))
+            complete.append(_Springs(**springs, twists=others))
     return NestedLoads(complete)
 
 

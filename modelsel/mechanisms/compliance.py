@@ -75,7 +75,7 @@ def joint_compliance(robot: Robot, joint: int, masses: int) -> Mechanism:
         cause = motor_torque(robot, joint)
         if masses == WITH_PAYLOAD:
             cause = whole_torque(robot, joint)
-            of_what = ", of the arm's weight and of the payload"
+            of_what = ", of the arm's weight and of the payload, with the masses as declared"
             load = f"({load} + payload_kg · torque of 1 kg at the target)"
         terms = (Term(f"c{joint}", drive_screws(robot, joint, cause), COMPLIANCE, 1),)
     return Mechanism(

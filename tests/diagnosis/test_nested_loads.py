@@ -10,7 +10,7 @@ from modelsel.mechanisms.registry import build_mechanisms, mechanism
 from modelsel.robot.files import load_robot
 
 ROBOT = load_robot("ur5e")
-OTHER, OWN, EACH, WHOLE, PAYLOAD, THIRD = range(6)
+OTHER, OWN, EACH, WHOLE, PAYLOAD, THIRD, TWIST = range(7)
 
 
 def list_springs() -> list[Candidate]:
@@ -23,6 +23,7 @@ def list_springs() -> list[Candidate]:
         spring[WITH_PAYLOAD],
         mechanism("payload-deflection:2", ROBOT),
         build_mechanisms("joint-compliance:3", ROBOT)[WITH_PAYLOAD],
+        mechanism("joint2-twist", ROBOT),
     ]
     return [Candidate(one, CandidateKind.MECHANISM, 0.1) for one in each]
 
@@ -34,6 +35,14 @@ def test_two_of_three_springs_are_told_by_the_weight_and_by_the_payload() -> Non
     for alone in (OWN, WHOLE, PAYLOAD, THIRD):
         assert loads.tell_apart([OTHER, alone]) == tuple(sorted((OTHER, alone)))
     assert loads.tell_apart([EACH, PAYLOAD]) == (EACH, PAYLOAD)
+
+
+def test_beside_a_twist_by_the_weight_a_spring_under_both_is_one_under_the_payload() -> None:
+    loads = find_nested_loads(list_springs())
+    assert loads.tell_apart([TWIST, WHOLE]) == (PAYLOAD, TWIST)
+    assert loads.tell_apart([TWIST, OWN]) == (OWN, TWIST)
+    assert loads.tell_apart([TWIST, THIRD]) == (THIRD, TWIST)
+    assert loads.list_other_names(PAYLOAD, [PAYLOAD, TWIST]).tolist() == [WHOLE]
 
 
 def test_beside_one_spring_the_others_are_one() -> None:
