@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from .._linalg import TINY
 from .._typing import Array, Mask
 from .adjustment import normal_equations
 from .placement import MIN_MEDIAN_MM, Placed, Sight, compute_residuals
@@ -16,6 +15,8 @@ INDEPENDENT_ROWS = 6
 MAX_MISFIT = 0.01
 # least eigenvalue of scaled normal equations: directions that nothing determines stay finite
 NULL_EIGENVALUE = 1e-14
+# least information on a parameter that nothing determines, whose variance stays finite
+NO_INFORMATION = 1e-100
 
 
 def compute_uncertainty(sight: Sight, at: Placed, good: Mask) -> tuple[Array, Array]:
@@ -79,7 +80,7 @@ def _compute_rms_distance(points: Array) -> float:
 def _invert(H: Array) -> Array:
     """Invert normal equations (p, p) after scaling; undetermined directions get a large variance."""
     diagonal = np.diag(H)
-    size = np.sqrt(np.maximum(diagonal, TINY))
+    size = np.sqrt(np.maximum(diagonal, NO_INFORMATION))
     scaled = H / np.outer(size, size)
     value, vector = np.linalg.eigh(scaled)
     bounded = np.maximum(value, NULL_EIGENVALUE)

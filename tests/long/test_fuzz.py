@@ -183,6 +183,12 @@ FOUND = {
         "the file has a joint q9, but the robot has 3 joints",
     ),
     "beyond all measure": ("csv", lambda: csv_with(y_mm="1e308"), 3, "between -1e+09 and 1e+09"),
+    "all at one far place": (
+        "csv",
+        lambda: csv_with(x_mm="10000.0", y_mm="10000.0", z_mm="10000.0"),
+        3,
+        "Every row has the same position",
+    ),
     "uncertainty of nothing": (
         "csv",
         lambda: (

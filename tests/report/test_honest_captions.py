@@ -33,7 +33,7 @@ def test_a_slide_moves_along_its_axis(joints, words) -> None:
 @pytest.mark.parametrize(
     ("source", "codes", "words"),
     [
-        ("estimated", [], "nothing is left but what does not repeat, of the instrument and of"),
+        ("estimated", [], "nothing is left but what seems not to repeat, of the instrument and"),
         ("stated", ["stated-uncertainty"], "as it is stated. What is stated is doubted: see"),
         ("repeats", [], "what differs between repeats of one posture."),
     ],

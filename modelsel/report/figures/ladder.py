@@ -43,7 +43,7 @@ SMALLEST_ERROR = 1e-4
 ZONE_NAMES = {
     "stated": "stated noise",
     "instrument": "stated noise",
-    "estimated": "what does\nnot repeat",
+    "estimated": "what seems\nnot to repeat",
 }
 LINE_STYLES = ("-", "--", "-.", ":", (0, (5, 1)), "-")
 

@@ -63,7 +63,7 @@ ZONES = {
     "instrument": "the noise that the instrument's figures state",
     "repeats": "what differs between repeats of one posture",
     "target pairs": "the noise that pairs of targets show",
-    "estimated": "what does not repeat, of the instrument and of the arm",
+    "estimated": "what seems not to repeat, of the instrument and of the arm",
 }
 DOUBTED_NOISE = "stated-uncertainty"  # the code of the note
 MAX_CELLS = 6  # cells that the map's text for those who cannot see names
