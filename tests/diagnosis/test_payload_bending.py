@@ -10,11 +10,10 @@ import pytest
 from builders import bind, seeds
 from exact import flanges_of
 from scipy.spatial.transform import Rotation
-from searches import search_separated
+from searches import find_cause, search_separated
 
 from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate, build_candidates
-from modelsel.diagnosis.effects import Effect
 from modelsel.diagnosis.free_functions import generate_other_drivers
 from modelsel.diagnosis.outcome import Diagnosis
 from modelsel.diagnosis.signatures import LEVELS, PROVEN, list_drivers_by_place
@@ -70,15 +69,6 @@ def bend(
     local = np.einsum("mji,mj->mi", ends[:, :3, :3], moments) * compliance
     turns = Rotation.from_rotvec(np.einsum("mij,mj->mi", ends[:, :3, :3], local))
     return np.asarray(ends[:, :3, 3] + turns.apply(target - ends[:, :3, 3]))
-
-
-def find_cause(diagnosis: Diagnosis, label: str) -> Effect:
-    """Find the effect of a label, and no other, proven down to its cause."""
-    assert [effect.candidate.label for effect in diagnosis.effects] == [label]
-    (effect,) = diagnosis.effects
-    assert effect.claim is not None
-    assert effect.claim.levels[LEVELS.index("cause")] >= PROVEN
-    return effect
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from builders import bind, seeds
 from exact import flanges_of
-from searches import search_separated
+from searches import find_cause, search_separated
 
 from modelsel._typing import Array
 from modelsel.diagnosis.candidates import Candidate, build_candidates
@@ -77,15 +77,6 @@ def diagnose(arm: Robot, q: Array, payload: Array, joint: int, turn: Array, rng:
     at = bind(arm, build_measurements(q, seen, covariates={"payload_kg": payload}), TOOL)
     base = Model((mechanism("geometric", arm),))
     return search_separated(at, base, build_candidates(at, base, every(arm)))
-
-
-def find_cause(diagnosis: Diagnosis, label: str) -> Effect:
-    """Find the effect of a label, and no other, proven down to its cause."""
-    assert [effect.candidate.label for effect in diagnosis.effects] == [label]
-    (effect,) = diagnosis.effects
-    assert effect.claim is not None
-    assert effect.claim.levels[LEVELS.index("cause")] >= PROVEN
-    return effect
 
 
 def has_payload(effect: Effect) -> bool:

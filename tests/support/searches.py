@@ -7,10 +7,12 @@ import numpy as np
 
 from modelsel.diagnosis.candidates import Candidate
 from modelsel.diagnosis.conclusion import conclude, prove
+from modelsel.diagnosis.effects import Effect
 from modelsel.diagnosis.options import DEFAULT_OPTIONS
 from modelsel.diagnosis.outcome import Diagnosis
 from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.diagnosis.separation import Inquiry, separate
+from modelsel.diagnosis.signatures import LEVELS, PROVEN
 from modelsel.diagnosis.state import Search
 from modelsel.diagnosis.stepwise import explore
 from modelsel.fitting.design import Model
@@ -34,6 +36,15 @@ def search_separated(
     inquiry = Inquiry(base, (), seed, True, ignore, DEFAULT_OPTIONS)
     _, diagnosis = separate(split, inquiry, found, list_parts(at, rows), fit(at, base))
     return diagnosis
+
+
+def find_cause(diagnosis: Diagnosis, label: str) -> Effect:
+    """Find the effect of a label, and no other, proven down to its cause."""
+    assert [effect.candidate.label for effect in diagnosis.effects] == [label]
+    (effect,) = diagnosis.effects
+    assert effect.claim is not None
+    assert effect.claim.levels[LEVELS.index("cause")] >= PROVEN
+    return effect
 
 
 def diagnose_rows(at: Problem) -> tuple[Split, Diagnosis]:
