@@ -10,12 +10,12 @@ import numpy as np
 
 from ..fitting.problem import Problem
 from ..mechanisms.causes import Applied, Cause, Named, Number, torque
-from ..mechanisms.compliance import PAYLOAD
+from ..mechanisms.compliance import OF_BOTH, PAYLOAD
 from ..mechanisms.motors import joint_axis
 from ..mechanisms.terms import Mechanism
 from ..robot.gravity import find_gravity_joints
 from .unregistered import build_cell
-from .whole_torques import OF_BOTH, find_load
+from .whole_torques import find_load
 
 # the power of which an error is looked for everywhere; the others stand beside a finding
 SQUARE = "2"

@@ -14,21 +14,19 @@ from ..fitting.problem import Problem
 from ..mechanisms.causes import Cause, torque
 from ..mechanisms.compliance import PAYLOAD, payload_torque, whole_torque
 from ..mechanisms.motors import is_coupled, motor_torque
+from ..robot.gravity import declares_masses
 from ..robot.kinematics import Robot
 
 # share of the payload's torque, both by how much they change, from which the arm's own is seen
 LEAST_OWN = 0.1
-# what is said of such a torque
-OF_BOTH = ", of the arm's weight and of the payload,"
 
 
 def sees_both_loads(problem: Problem, joint: int) -> bool:
     """Return whether masses are declared, the payload changes on these rows, and a drive's own torque is
     seen beside that of the payload."""
     robot = problem.robot
-    is_declared = any(one.mass for one in robot.joints)
     known = problem.names()
-    if not is_declared or PAYLOAD not in known:
+    if not declares_masses(robot) or PAYLOAD not in known:
         return False
     payload = problem.value(PAYLOAD)
     span = np.ptp(payload)

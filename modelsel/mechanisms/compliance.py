@@ -4,7 +4,7 @@ payload."""
 from __future__ import annotations
 
 from ..measurements.state_names import StateKind, state_kind
-from ..robot.gravity import find_arm_pair, find_gravity_joints
+from ..robot.gravity import declares_masses, find_arm_pair, find_gravity_joints
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
 from .causes import Cause, Named, q, shifted, sign, sin
@@ -24,6 +24,8 @@ YIELD_BY_LOAD = (1e-4, 1.0)
 DECLARED, UNKNOWN, WITH_PAYLOAD = 0, 1, 2
 # the column of the payload's mass
 PAYLOAD = "payload_kg"
+# what is said of a torque of both
+OF_BOTH = ", of the arm's weight and of the payload,"
 TOOL_PARTS = ("gripper or its fingers", "tool changer that yields", "loose target nest")
 SOURCE = "Klimchik, Furet, Caro & Pashkevich 2015, elastostatic calibration"
 # parts that usually make a joint wind up
@@ -75,7 +77,7 @@ def joint_compliance(robot: Robot, joint: int, masses: int) -> Mechanism:
         cause = motor_torque(robot, joint)
         if masses == WITH_PAYLOAD:
             cause = whole_torque(robot, joint)
-            of_what = ", of the arm's weight and of the payload, with the masses as declared"
+            of_what = f"{OF_BOTH} with the masses as declared"
             load = f"({load} + payload_kg · torque of 1 kg at the target)"
         terms = (Term(f"c{joint}", drive_screws(robot, joint, cause), COMPLIANCE, 1),)
     return Mechanism(
@@ -117,7 +119,7 @@ def mass_choices(robot: Robot, joint: int) -> tuple[int, ...]:
     """List the choices of masses: known ones, then unknown ones, where several bodies hang on the
     joint or the file's masses leave out what the flange holds; with the payload where they are
     declared."""
-    if any(one.mass for one in robot.joints):
+    if declares_masses(robot):
         return (DECLARED, UNKNOWN, WITH_PAYLOAD)
     if joint < robot.n:
         return (DECLARED, UNKNOWN)

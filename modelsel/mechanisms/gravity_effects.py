@@ -6,11 +6,11 @@ from __future__ import annotations
 import numpy as np
 
 from .._typing import Array
-from ..robot.gravity import ArmPair, find_arm_pair, loads_base
+from ..robot.gravity import ArmPair, declares_masses, find_arm_pair, loads_base
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
 from .causes import Cause, Named, Number, cos, q, shifted, sign
-from .compliance import WINDING_PARTS, whole_torque
+from .compliance import OF_BOTH, WINDING_PARTS, whole_torque
 from .motors import drive_angle, drive_screws, motor_torque, name_drive
 from .terms import Mechanism, Screw, Term
 
@@ -103,7 +103,7 @@ def list_sides(robot: Robot, joint: int) -> tuple[int, ...]:
     paper's lever of the forearm; where no masses are declared, that alone, and where they are, the
     torque with the payload's, too."""
     pair = find_arm_pair(robot)
-    is_declared = any(one.mass for one in robot.joints)
+    is_declared = declares_masses(robot)
     if pair is None or joint != pair.fore:
         if is_declared:
             return (BY_TORQUE, BY_WHOLE)
@@ -127,10 +127,7 @@ def backlash(robot: Robot, joint: int, side: int) -> Mechanism:
     if side == BY_FOREARM and pair is not None:
         cause, direction = sign(forearm_lever(pair)), pair.far_sign * pair.parallel
     if side == BY_WHOLE:
-        cause, of_what = (
-            sign(whole_torque(robot, joint)),
-            ", of the arm's weight and of the payload,",
-        )
+        cause, of_what = sign(whole_torque(robot, joint)), OF_BOTH
     against = (
         f"{drive.capitalize()} steps against gravity where its torque changes sign: play would give way to gravity, so "
         "something else is the cause, such as a nonlinear spring."

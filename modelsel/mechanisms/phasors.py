@@ -2,7 +2,7 @@
 
 Thousands of causes are waves such as cos(12*q4) or sin(2*q1+q3). With z = exp(i q), the phasor of an
 angle, exp(i k q) is z to the power of k: a product of two numbers in the place of a sine, which takes
-fifteen times as long. Rounding errors are those of the function itself: k times one of the angle."""
+several times as long. Rounding errors are those of the function itself: k times one of the angle."""
 
 from __future__ import annotations
 

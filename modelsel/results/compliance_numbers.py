@@ -16,6 +16,7 @@ from ..mechanisms.causes import torque
 from ..mechanisms.compliance import needs_both_loads, payload_torque, whole_torque
 from ..mechanisms.motors import motor_torque, name_drive
 from ..mechanisms.terms import Mechanism
+from ..robot.gravity import declares_masses
 from ..robot.kinematics import Robot
 from .quantities import MILLI, Usable, express, format_figure
 from .workspace import Fitted, Workspace
@@ -36,7 +37,9 @@ def measure_wind_up(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
             fitted.workspace,
         )
         load = _find_load(mechanism, frame, fitted.workspace)
-        is_known = mechanism.stem == "payload-deflection" or _has_masses(fitted.workspace)
+        is_known = mechanism.stem == "payload-deflection" or declares_masses(
+            fitted.workspace.problem.robot
+        )
         words = (
             f"{_describe_motion(mechanism, frame, fitted.workspace.problem.robot)} at full stretch"
         )
@@ -57,7 +60,7 @@ def measure_joint_turn(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]
     turn, each = fitted.turn(joint, TURNS)
     angle = fitted.length_at(turn, each, row)
     largest = format_figure(float(torques[row]))
-    newton_metres = f" ({largest} N m)" if _has_masses(workspace) else ""
+    newton_metres = f" ({largest} N m)" if declares_masses(workspace.problem.robot) else ""
     words = f"turn of joint {joint} at its largest measured torque{newton_metres}"
     moved = fitted.moved_at(row)
     yield express(words, angle.scale(MILLI), "mrad")
@@ -71,7 +74,9 @@ def measure_base_tilt(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
     across = np.array(moments) - np.outer(down, down @ np.array(moments))
     load = np.linalg.norm(across, axis=0)
     words = "tilt of the base at full stretch"
-    yield from _measure_yield(words, fitted, _Load(1, load, _has_masses(fitted.workspace), True))
+    yield from _measure_yield(
+        words, fitted, _Load(1, load, declares_masses(fitted.workspace.problem.robot), True)
+    )
 
 
 def measure_payload_bending(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
@@ -156,7 +161,3 @@ def _describe_motion(mechanism: Mechanism, frame: int, robot: Robot) -> str:
     if needs_both_loads(mechanism):
         return f"wind-up of {drive} under the arm's weight and the payload"
     return f"wind-up of {drive}"
-
-
-def _has_masses(workspace: Workspace) -> bool:
-    return any(joint.mass for joint in workspace.problem.robot.joints)

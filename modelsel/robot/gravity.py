@@ -27,11 +27,15 @@ PROBE_TOOL = np.array([0.0, 0.0, 100.0])
 PROBE_PAYLOAD = np.array([70.0, 50.0, 100.0])
 
 
+def declares_masses(robot: Robot) -> bool:
+    """Return whether the robot file has the mass of a link."""
+    return any(joint.mass for joint in robot.joints)
+
+
 def place_masses(robot: Robot, at: Pose, q: Array) -> tuple[Array, Array]:
     """Return masses (b,) [kg] and their positions (b, 3, m) [mm, frame 0]; body k moves with joint
     k, the last is the target."""
-    has_masses = any(joint.mass for joint in robot.joints)
-    if not has_masses:
+    if not declares_masses(robot):
         frames = at.origins[1 : robot.n]
         target = at.target[None]
         positions = np.concatenate([frames, target])
