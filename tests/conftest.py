@@ -5,10 +5,13 @@ from __future__ import annotations
 
 import gc
 import os
+import time
 
 # before numpy is loaded: its threads would contend with the other processes of `-n`
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from zlib import crc32
 
@@ -25,6 +28,8 @@ from modelsel.cli.main import run_command_line
 STAGES = ("unit", "integration", "docs", "slow", "long")
 COSTLY_FIXTURES = {"drawn", "browser"}
 TESTS = Path(__file__).parent
+# seconds; a study takes thirty
+LONGEST_WAIT = 300.0
 
 pytest.register_assert_rewrite("laws", "builders")
 settings.register_profile("modelsel", deadline=None, derandomize=True, database=None)
@@ -129,9 +134,36 @@ def rng(request: pytest.FixtureRequest) -> np.random.Generator:
 
 @pytest.fixture(scope="session")
 def drawn(tmp_path_factory) -> Path:
-    """The PUMA study with its report, as `modelsel study` leaves it. To be read only."""
-    folder = tmp_path_factory.mktemp("puma760")
+    """The PUMA study with its report, as `modelsel study` leaves it; one for all processes of `-n`.
+    To be read only."""
+    own = tmp_path_factory.getbasetemp()
+    shared = own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
+    folder = shared / "puma760"
+    with one_at_a_time(shared / "puma760.lock"):
+        if not folder.exists():
+            run_puma(own / "puma760").rename(folder)
+    return folder
+
+
+def run_puma(folder: Path) -> Path:
     study = TESTS.parent / "studies" / "puma760" / "study.toml"
     result = CliRunner().invoke(run_command_line, ["study", str(study), "--out", str(folder)])
     assert result.exit_code == 0, result.output
     return folder
+
+
+@contextmanager
+def one_at_a_time(lock: Path) -> Iterator[None]:
+    """Wait until no other process holds a lock, a folder; a process that died holding it is not
+    waited for without end."""
+    until = time.monotonic() + LONGEST_WAIT
+    while time.monotonic() < until:
+        try:
+            lock.mkdir()
+            break
+        except FileExistsError:
+            time.sleep(0.1)
+    try:
+        yield
+    finally:
+        lock.rmdir()

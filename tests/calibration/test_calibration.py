@@ -102,6 +102,7 @@ def test_another_day_finds_what_stepped_as_it_stood_at_the_end(moment, rng) -> N
     assert describe_extrapolation(stepped, at.data)[-1].startswith("zero-step:4: what moved")
 
 
+@pytest.mark.integration
 def test_uncertainty_is_the_spread_of_refits(rng) -> None:
     """Closed form: parameters drawn from the covariance scatter the prediction by what
     `uncertainty` says."""

@@ -105,6 +105,7 @@ def test_what_it_does_not_look_at_is_said(made) -> None:
     assert replace(found, errors=("over all", 1.57, 0.5, 0.0)).worse is None
 
 
+@pytest.mark.integration
 def test_a_grid_over_every_joint_leaves_nothing_out(small) -> None:
     found = export_grid(small, GridOptions((1, 2, 3), 0.1))
     assert found.left_out == ()
@@ -127,6 +128,7 @@ def test_covariates_are_held(rng) -> None:
     assert np.linalg.norm(table(q[:, 1:3]) - wanted, axis=1).max() <= found.error_mm
 
 
+@pytest.mark.integration
 def test_nearer_takes_more_points(made) -> None:
     sizes = [
         len(export_grid(made, GridOptions((2, 3), within)).text.splitlines())

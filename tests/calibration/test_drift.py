@@ -119,6 +119,7 @@ def test_false_alarms_are_as_rare_as_promised(rng) -> None:
     )
 
 
+@pytest.mark.integration
 @seeds(1, slow=(2,))
 def test_what_was_held_out_holds_the_parameters_uncertainty_already(rng) -> None:
     """Twenty-five configurations fitted, the rms of 400 held out known: what these show beyond noise is
@@ -682,6 +683,7 @@ def test_what_is_named_once_or_twice_is_told_as_far_as_the_evidence_goes(rng) ->
     )
 
 
+@pytest.mark.integration
 def test_a_change_that_would_have_been_seen_is(rng) -> None:
     model, theta = truth()
     first = calibrated(rng, model, theta)

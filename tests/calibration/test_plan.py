@@ -346,6 +346,7 @@ def test_command(tmp_path, rng) -> None:
         plan_next(result, 3, pool=chosen.drop(columns="q1_rad"))
 
 
+@pytest.mark.integration
 def test_ranges_and_units_are_the_users(rng) -> None:
     """Drawn within what was measured, wider or narrower where that is asked, and written in the
     units that were read."""
@@ -455,6 +456,7 @@ def fitted():
     return study_run(study.with_measurements(frame), sampling=False)
 
 
+@pytest.mark.integration
 def test_a_plan_proposes_repeats_and_writes_them_where_asked(fitted, tmp_path) -> None:
     """The first round is the plan as it is without; the others repeat what is far apart, each visit
     with a number of its own, and the file reads back."""
@@ -524,6 +526,7 @@ def test_a_pool_of_few_configurations_is_told(fitted) -> None:
     assert "The pool has" not in repr(plan_next(fitted, 5, pool=pool))
 
 
+@pytest.mark.integration
 def test_directions_are_planned_where_a_candidate_looks_at_them(fitted) -> None:
     """They are instructions then, which the order of the rows does not follow, and that is said."""
     plain = plan_next(fitted, 5)

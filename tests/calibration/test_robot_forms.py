@@ -103,6 +103,7 @@ def test_hayati_read_by_hand(made) -> None:
         np.testing.assert_allclose(T[:3, :3] @ target + T[:3, 3], x, atol=1e-8)
 
 
+@pytest.mark.integration
 def test_rounded_tables() -> None:
     """Angles to 0.0001 deg, lengths to a µm, of four drawn arms: the figures of the page on exports
     (docs/how-to/other-programs.md)."""

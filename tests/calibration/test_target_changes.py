@@ -148,6 +148,7 @@ def benches(count: int, setup: str) -> pytest.MarkDecorator:
 # ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.integration
 @benches(3, "stands")
 def test_one_target_of_several_that_moved_is_named(count, registered, rng) -> None:
     """Chance alone adds a further change to one in twenty; the size is told with its uncertainty."""
@@ -166,6 +167,7 @@ def test_one_target_of_several_that_moved_is_named(count, registered, rng) -> No
     assert np.sqrt(np.mean(np.square(z))) < 2
 
 
+@pytest.mark.integration
 @benches(2, "stands")
 def test_an_adapter_that_was_put_back_moves_all_together(count, registered, rng) -> None:
     right = 0
@@ -186,6 +188,7 @@ def test_an_adapter_that_was_put_back_moves_all_together(count, registered, rng)
     assert right >= 10
 
 
+@pytest.mark.integration
 def test_several_that_moved_each_on_its_own_are_named(rng) -> None:
     right = 0
     for _ in range(12):
@@ -197,6 +200,7 @@ def test_several_that_moved_each_on_its_own_are_named(rng) -> None:
     assert right >= 10
 
 
+@pytest.mark.integration
 def test_a_target_and_a_joint_are_both_found(rng) -> None:
     right = 0
     for _ in range(12):

@@ -138,6 +138,7 @@ def test_repeats_are_one_configuration_and_centres_are_limited(rng: np.random.Ge
     assert len(list(generate_likely_bumps(wide))) < 3 * 128 * wide.robot.n
 
 
+@pytest.mark.integration
 def test_what_was_tried_in_vain_rules_out_no_neighbour(rng: np.random.Generator) -> None:
     search = prepare_puma()
     first, second = rng.choice(np.flatnonzero(search.bumped == 2), 2, replace=False).tolist()

@@ -43,6 +43,7 @@ def choose(at: Problem, *names: str) -> dict[str, Mechanism]:
     return choose_step_moments(at, np.ones(len(at), bool), others, steps)
 
 
+@pytest.mark.integration
 def test_every_kind_of_step_is_placed_where_it_fits_best(rng: Rng) -> None:
     """Each stood at the first moment that is scanned, 0.5 % of the campaign."""
     at = draw_steps(rng)
@@ -55,6 +56,7 @@ def test_every_kind_of_step_is_placed_where_it_fits_best(rng: Rng) -> None:
         assert abs(moment - (row - 0.5) / 59) < 0.03
 
 
+@pytest.mark.integration
 def test_a_name_of_several_steps_has_each_at_its_moment(rng: Rng) -> None:
     at = draw_steps(rng)
     chosen = choose(at, "zero-step")["zero-step"]

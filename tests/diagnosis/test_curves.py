@@ -134,6 +134,7 @@ def test_a_product_of_two_joints_is_one_cell(rng: np.random.Generator) -> None:
     ) == {"sin(q2+q6)", "cos(q2+q6)", "sin(q2-q6)", "cos(q2-q6)"}
 
 
+@pytest.mark.integration
 def test_steps_in_time_are_offered_once_between_two_configurations(
     rng: np.random.Generator,
 ) -> None:
@@ -166,6 +167,7 @@ def test_no_finding_is_listed_that_chance_would_explain(rng: np.random.Generator
     ]
 
 
+@pytest.mark.integration
 def test_a_part_of_the_columns_scans_like_the_whole(rng: np.random.Generator) -> None:
     """Restricted to one joint's curve, columns, Gram blocks and evidence are those of the whole."""
     at = drawn("puma760", rng, 60)

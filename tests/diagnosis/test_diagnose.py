@@ -55,6 +55,7 @@ def test_a_diagnosis_reads_in_a_terminal(rng) -> None:
     assert nothing.findings == ()
 
 
+@pytest.mark.integration
 def test_only_the_candidates_asked_for_are_named(rng) -> None:
     at = coupled(rng)
     diagnosis = diagnose(at, candidates=["backlash", "encoder-scale:5"])
@@ -65,6 +66,7 @@ def test_only_the_candidates_asked_for_are_named(rng) -> None:
         diagnose(at, base=["geometrik"])
 
 
+@pytest.mark.integration
 def test_a_mask_says_which_rows_estimate(rng) -> None:
     at = coupled(rng, 120)
     rows = np.arange(120) < 80
@@ -75,6 +77,7 @@ def test_a_mask_says_which_rows_estimate(rng) -> None:
     assert masked.findings == taken.findings
 
 
+@pytest.mark.integration
 def test_every_candidate_has_its_kind(rng) -> None:
     at = coupled(rng)
     offered = (*build_faults(at.robot), *every(at.robot))

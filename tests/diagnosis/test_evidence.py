@@ -97,6 +97,7 @@ def test_no_evidence_without_candidates_that_are_left() -> None:
     assert compute_p_value(value, np.zeros(9)) == 1.0
 
 
+@pytest.mark.integration
 def test_no_evidence_in_draws_without_candidates_that_are_left(rng: np.random.Generator) -> None:
     """A base with a direction for nearly every number absorbs every candidate."""
     at = drawn("puma760", rng, 20)

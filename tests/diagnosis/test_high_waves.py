@@ -49,6 +49,7 @@ def search_ripples(waved: Waved, rng: np.random.Generator) -> Exploration:
     return explore(search, (), ignore)
 
 
+@pytest.mark.integration
 @seeds(1, 2, 3, slow=(4, 5, 6, 7, 8))
 def test_a_planted_wave_is_found_with_its_number(rng: np.random.Generator) -> None:
     """It was missed, and told as a joint that does not repeat, or as noise."""
@@ -133,6 +134,7 @@ def test_only_ripples_that_are_scanned_are_screened(rng: np.random.Generator) ->
     assert find_ripples(waved.problem, other) == {}
 
 
+@pytest.mark.integration
 @seeds(1, 2, slow=(3, 4))
 def test_waves_that_readings_do_not_tell_apart_are_told_as_alike(rng: np.random.Generator) -> None:
     """Every 1° a wave of k a turn is one of 360 - k."""

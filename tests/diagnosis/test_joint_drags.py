@@ -126,6 +126,7 @@ def test_hysteresis_stands_against_several_findings_of_a_joints_motion(
     assert not keep_drags(list(together.shapes))
 
 
+@pytest.mark.integration
 @seeds(1)
 def test_hysteresis_is_offered_at_a_joint_that_seems_not_to_repeat(
     rng: np.random.Generator,

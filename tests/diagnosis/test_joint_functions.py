@@ -43,6 +43,7 @@ def test_functions_are_offered_at_the_motion_of_a_joint(
     assert len(surfaces) == 2 * len(pairs)
 
 
+@pytest.mark.integration
 @seeds(1)
 def test_functions_are_as_probable_as_unlisted_shapes(rng: np.random.Generator) -> None:
     at = drawn("puma760", rng, 40)

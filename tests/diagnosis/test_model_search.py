@@ -245,6 +245,7 @@ def test_sampled_sets_are_as_probable_as_all_sets_say(rng: np.random.Generator) 
     assert np.abs(sampled - exact).max() < 0.06
 
 
+@pytest.mark.integration
 @seeds(1, slow=(2, 3))
 def test_of_many_sets_those_near_the_first_are_not_told_as_likelier(
     rng: np.random.Generator,

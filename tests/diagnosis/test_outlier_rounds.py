@@ -151,6 +151,7 @@ def test_no_steps_are_proposed_for_scattered_outliers(rng: Rng) -> None:
     assert not propose(at, [10, 40, 43, 90, 91, 92, 150])
 
 
+@pytest.mark.integration
 @pytest.mark.unit
 def test_all_targets_that_slip_for_a_while_get_one_pair(rng: Rng) -> None:
     at = draw_slips(rng)

@@ -54,6 +54,7 @@ def list_functions(search: Search) -> Array:
     return np.concatenate(many)
 
 
+@pytest.mark.integration
 def test_only_what_cannot_matter_is_set_aside(rng: np.random.Generator) -> None:
     search, view, g = search_with(rng, 1e-3)
     scan, factors, full = name_again(search, view, g)

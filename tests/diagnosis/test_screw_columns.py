@@ -208,6 +208,7 @@ def test_splines_are_kept_where_they_are_not_zero(rng: np.random.Generator) -> N
     assert kept < 0.2 * len(splines) * len(at)
 
 
+@pytest.mark.integration
 def test_columns_that_are_asked_for_again_are_kept_within_bounds(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:

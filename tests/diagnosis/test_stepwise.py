@@ -17,6 +17,7 @@ from modelsel.fitting.least_squares import fit
 from modelsel.mechanisms.registry import every
 
 
+@pytest.mark.integration
 def test_what_is_beyond_chance_only_with_other_effects_is_not_added(
     monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
 ) -> None:

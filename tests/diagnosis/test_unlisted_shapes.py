@@ -97,6 +97,7 @@ def test_waves_across_a_joints_axis_stand_against_a_free_function_together(
     assert place == (2, "tx")
 
 
+@pytest.mark.integration
 @seeds(1)
 def test_a_mechanism_is_as_probable_as_its_forms_together(rng: np.random.Generator) -> None:
     at = load(3, rng)

@@ -73,6 +73,7 @@ def test_a_view_holds_all_columns_of_its_model(rng: np.random.Generator, count: 
     assert np.abs(view.Q.T @ view.residual).max() < 1e-9 * np.linalg.norm(view.residual)
 
 
+@pytest.mark.integration
 def test_columns_of_the_last_models_are_remembered_and_the_oldest_forgotten(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:

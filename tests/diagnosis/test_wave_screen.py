@@ -48,6 +48,7 @@ def project(waved: Waved, fitted: Fit) -> tuple[Array, Array, Array]:
     return basis, residual - basis @ (basis.T @ residual), residual
 
 
+@pytest.mark.integration
 @seeds(1, 2, 3)
 def test_what_waves_explain_is_that_of_columns_built_one_by_one(rng: np.random.Generator) -> None:
     """Of few rows, where chance explains much, as the dense computation has it."""
@@ -98,6 +99,7 @@ def test_a_planted_wave_is_the_best_of_all(rng: np.random.Generator) -> None:
     assert passed[waved.joint] == pytest.approx(waved.count, abs=1)
 
 
+@pytest.mark.integration
 def test_a_joint_that_does_not_repeat_is_no_wave() -> None:
     """Its errors have one direction in every row: against those of all three, more than one campaign
     in six would have a wave."""

@@ -209,6 +209,7 @@ def list_whole(at: Problem) -> set[str]:
     return whole
 
 
+@pytest.mark.integration
 @seeds(1)
 def test_the_whole_torque_is_offered_where_the_payload_changes(rng: Rng) -> None:
     """And about joints where the arm's own weight is seen beside it, not about those of a wrist."""

@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from builders import drawn, seeds, small_arm
 
 from modelsel.diagnosis.candidate_columns import build_columns, stack_design
@@ -84,6 +85,7 @@ def test_a_slide_rests_within_a_tenth_of_a_millimetre(rng: np.random.Generator) 
     assert not rests(wide)
 
 
+@pytest.mark.integration
 def test_a_resting_joint_is_the_place_of_no_cause_of_motion(rng: np.random.Generator) -> None:
     """Neither its approach, nor its overshoot, nor its settling can be named: they move nothing."""
     robot = small_arm()

@@ -73,6 +73,7 @@ def result(frame) -> Result:
 # -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.integration
 def test_a_study_in_python_is_that_of_the_file(frame, result, tmp_path) -> None:
     """The same values; the same bytes of the result but for the hash of the study, whose data have
     no file's name."""
@@ -301,6 +302,7 @@ def test_report_of_a_loaded_result_is_the_fresh_one_s(result, drawn, tmp_path) -
     assert files(tmp_path / "c") == files(drawn)
 
 
+@pytest.mark.integration
 def test_a_report_leaves_the_session_s_figures_alone(result, tmp_path) -> None:
     """Those of a notebook: its backend, its open figures, its style."""
     import matplotlib as mpl

@@ -81,6 +81,7 @@ def test_best_of_every_subset_where_the_noise_is_known(sigma, alike, rng) -> Non
     assert first.bic - first.gap <= value.min() + 1e-6
 
 
+@pytest.mark.integration
 def test_forty_groups_are_proven(rng) -> None:
     X, y, base, groups = problem(
         rng, rng.integers(1, 3, 40).tolist(), 10, 0.15, {2: 0.5, 9: -0.4, 17: 0.3, 31: 0.35}

@@ -92,6 +92,7 @@ def test_table_has_the_documented_columns(problem) -> None:
     assert table["cv_rms_mm"].dtype == float
 
 
+@pytest.mark.integration
 def test_seed_and_order_of_models(problem) -> None:
     """The folds come from the seed alone: the order of the models changes nothing."""
     backwards = dict(reversed(MODELS.items()))

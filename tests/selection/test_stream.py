@@ -100,6 +100,7 @@ def test_equal_readings_share_a_fold(rng) -> None:
     assert counts.min() > 400  # 500 each, give or take 21
 
 
+@pytest.mark.integration
 def test_partitions_on_disk(rng, tmp_path) -> None:
     """Two Parquet files of several row groups give the fit of the rows in memory; a pass reads each
     piece once."""

@@ -116,6 +116,7 @@ def test_commands_reckon_with_the_side_that_is_not_fitted(
     assert load_calibration(tmp_path / "out").other_sides == c.other_sides
 
 
+@pytest.mark.integration
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_without_an_error_there_is_no_other_side(
     campaign: Callable[[np.random.Generator, float], Study], rng: np.random.Generator

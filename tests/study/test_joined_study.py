@@ -570,6 +570,7 @@ def test_readings_of_an_arm_in_motion_are_told(tmp_path) -> None:
     check(tmp_path, ALL)
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize(
     ("count", "told"),
     [

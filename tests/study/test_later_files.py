@@ -76,6 +76,7 @@ def spoil(folder: Path, name: str, column: str, row: int, cell: object) -> None:
     (folder / f"{name}_log.csv").write_text(log)
 
 
+@pytest.mark.integration
 def test_joined_positions_are_written_in_the_contracts_unit(folder: Path) -> None:
     """x_mm holds millimetres, though the points are in micrometres."""
     written = pd.read_csv(folder / "s" / "measurements.csv")

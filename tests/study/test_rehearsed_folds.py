@@ -62,6 +62,7 @@ def test_folds_that_leave_too_little_are_refused_before_the_search(rng, tmp_path
     assert described["exit"] == NotEstimable.exit_code
 
 
+@pytest.mark.integration
 def test_more_folds_are_carried_and_counted(rng, tmp_path) -> None:
     path = write(tmp_path, rng, 6)
     assert rehearse_study(path)["nested_folds"] == 6

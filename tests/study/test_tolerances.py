@@ -55,6 +55,7 @@ def test_a_link_that_is_certainly_wrong_is_told(
         assert f"{LINK} = {value:.4g} ± {write_rounded(error, 2)} mm" in sentences[0]
 
 
+@pytest.mark.integration
 def test_arms_within_their_tolerances_are_not_told(rng: np.random.Generator) -> None:
     for _ in range(10):
         assert told(*fit_arm(rng, 0.0, NOISE)) == []

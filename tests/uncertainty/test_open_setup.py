@@ -53,6 +53,7 @@ def measured_gantry(rng: np.random.Generator) -> tuple[Split, Fit, Model]:
     return study_of(at), fit(at, model), model
 
 
+@pytest.mark.integration
 def test_open_coefficients_are_integrated_out(rng: np.random.Generator) -> None:
     """Of a null model the chain converges at once; what the data determine is as in closed form."""
     split, fitted, base = measured_gantry(rng)

@@ -127,6 +127,7 @@ def test_slides_and_turns_are_sampled_together_in_their_own_units(rng: np.random
     close(chain)
 
 
+@pytest.mark.integration
 def test_integrated_coefficients_change_nothing(problem: Problem, rng: np.random.Generator) -> None:
     fitted = fit(problem, MODEL)
     close(sample_posterior(target(problem, fitted, named(fitted)), NOTHING, "", rng))
