@@ -16,6 +16,7 @@ from itertools import chain
 
 import numpy as np
 
+from .._hashing import cache_hash
 from .._short_numbers import round_numbers
 from .._typing import Array
 from ..fitting.design import Model
@@ -46,6 +47,7 @@ MANY_FRAMES = 4  # that one number moves, from which they are told together
 REGISTERED = 0.6
 
 
+@cache_hash
 @dataclass(frozen=True)
 class Candidate:
     """An explanation with its prior probability.

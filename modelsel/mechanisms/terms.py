@@ -178,6 +178,7 @@ def _unit_factors(unit: str) -> list[str]:
     return [factor for factor in unit.split() if factor != "1"]
 
 
+@cache_hash
 @dataclass(frozen=True)
 class Mechanism:
     """A named bundle of terms: what goes wrong, in one sentence, with its equation and its source.
