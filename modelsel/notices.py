@@ -68,6 +68,7 @@ CODES = {
     "gravity-elsewhere": "joints wind up as if gravity had another direction",
     "nothing-held-out": "every configuration estimates, none is held out",
     "held-out-near": "held-out configurations lie between estimation configurations of the same paths",
+    "postures-repeated": "the arm came back to postures; readings that differ a little are taken as repeats",
     "other-session": "groups without an estimation configuration; drift is taken at the campaign's middle",
     "target-unseen": "held-out rows of a target without estimation rows are left out",
     "feature-unseen": "held-out rows of a feature without estimation rows are left out",

@@ -82,7 +82,7 @@ class Measurements:
     position: Array  # (m, 3) mm
     row: Index  # (m,) row of the file, 0-based
     configuration: Index  # (m,) visit of the arm; several targets share one
-    block: Index  # (m,) readings alike to 1e-6: never apart in folds or split
+    block: Index  # (m,) posture, readings alike: never apart in folds or split
     target: Index  # (m,) index into `targets`
     group: Index  # (m,) index into `groups`
     order: Array  # (m,) order of motion within the group
@@ -326,7 +326,7 @@ def build_measurements(
         position,
         row=place,
         configuration=motion.visit,
-        block=number_blocks(q, motion.visit),
+        block=number_blocks(q, motion.visit, prismatic),
         target=target_index,
         group=group_index,
         order=motion.order,

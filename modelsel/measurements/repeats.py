@@ -8,6 +8,7 @@ import numpy as np
 
 from .._typing import Array, Index, Mask
 from .measurements import Measurements
+from .near_readings import compute_spread
 from .visits import SAME_READING
 
 
@@ -51,10 +52,5 @@ def find_repeats(data: Measurements, placed: Index) -> Repeats:
     labels = np.stack([placed, data.block, data.target])
     _, posture, count = np.unique(labels, axis=1, return_inverse=True, return_counts=True)
     posture = posture.reshape(-1)
-    shape = len(count), data.q.shape[1]
-    low = np.full(shape, np.inf)
-    high = np.full(shape, -np.inf)
-    np.minimum.at(low, posture, data.q)
-    np.maximum.at(high, posture, data.q)
-    spread = (high - low).max(1)
+    spread = compute_spread(data.q, posture)
     return Repeats(posture, count, spread <= SAME_READING)

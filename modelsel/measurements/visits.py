@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 from .._linalg import connected_components
 from .._typing import Array, Index
 from .joint_path import JointPath
+from .near_readings import MAX_LAG, find_near_pairs, find_returns
 from .resting_joints import find_resting_steps
 
 # rad or mm: two readings closer than this are the same configuration
 SAME_READING = 1e-6
-# rows that may lie as close along one direction before a search tree compares them
-MAX_LAG = 16
 
 
 def number_keys(keys: Sequence[object] | NDArray[np.generic]) -> tuple[Index, tuple[str, ...]]:
@@ -53,58 +52,20 @@ def count_distinct(numbers: Index) -> int:
     return int(np.count_nonzero(np.bincount(numbers)))
 
 
-def _find_near_pairs(
-    q: Array, order: Index, close: NDArray[np.bool_], max_lag: int
-) -> Index | None:
-    """Find pairs (k, 2) of rows with readings alike, among those that an order along one direction
-    leaves `close` to the one before; None where too many are."""
-    pairs = [np.zeros((0, 2), dtype=np.intp)]
-    # places in the order, each close to the place before
-    later = np.flatnonzero(close)
-    for lag in range(1, max_lag + 1):
-        if not len(later):
-            return np.concatenate(pairs)
-        earlier = later - lag
-        first = order[earlier]
-        second = order[later]
-        couples = np.stack([first, second], 1)
-        difference = q[first] - q[second]
-        largest = np.abs(difference).max(1)
-        is_alike = largest <= SAME_READING
-        alike = couples[is_alike]
-        pairs.append(alike)
-        place_before = np.maximum(earlier, 0)
-        is_close = close[place_before]
-        is_close &= later > lag
-        later = later[is_close]
-    return None
-
-
-def number_blocks(q: Array, configuration: Index, max_lag: int = MAX_LAG) -> Index:
-    """Number blocks of rows whose readings agree to 1e-6, or that share a configuration. Beyond
-    `max_lag` rows as close along one direction, a search tree finds those that agree."""
+def number_blocks(
+    q: Array, configuration: Index, prismatic: Sequence[bool] = (), max_lag: int = MAX_LAG
+) -> Index:
+    """Number blocks of rows whose readings agree to 1e-6 or are of one posture, or that share a
+    configuration; `max_lag`: see `find_near_pairs`."""
     _, first, visit = np.unique(configuration, return_index=True, return_inverse=True)
     visit = visit.reshape(-1)
     readings = q[first]
-    visits, joints = readings.shape
-    joint_numbers = np.arange(1, joints + 1)
-    # readings alike in every joint are alike along any one direction
-    direction = np.sqrt(joint_numbers)
-    along = readings @ direction
-    order = np.argsort(along, kind="stable")
-    ordered = along[order]
-    steps = np.diff(ordered, prepend=-np.inf)
-    limit = SAME_READING * direction.sum()
-    close = steps <= limit
-    pairs = _find_near_pairs(readings, order, close, max_lag)
-    if pairs is None:
-        from scipy.spatial import cKDTree
-
-        tree = cKDTree(readings)
-        pairs = tree.query_pairs(SAME_READING, p=np.inf, output_type="ndarray")
+    equal = find_near_pairs(readings, SAME_READING, max_lag)
+    returns = find_returns(readings, prismatic)
+    pairs = np.concatenate([equal, returns])
     if not len(pairs):
         return np.asarray(visit, dtype=np.intp)
-    blocks = connected_components(visits, pairs)
+    blocks = connected_components(len(readings), pairs)
     return blocks[visit]
 
 

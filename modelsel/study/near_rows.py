@@ -1,4 +1,5 @@
-"""Held-out rows that lie beside estimation rows of one path, which say little of other paths."""
+"""Rows that say less than as many others: held-out ones beside estimation rows of one path, and postures
+that the arm came back to."""
 
 from __future__ import annotations
 
@@ -8,6 +9,8 @@ from numpy.typing import NDArray
 from .._typing import Array, Index
 from ..exceptions import write_percent
 from ..measurements.measurements import Measurements
+from ..measurements.near_readings import describe_returns
+from ..measurements.visits import SAME_READING
 from ..notices import Note
 
 # configurations of either kind from which distances say something
@@ -40,6 +43,14 @@ def note_near_rows(data: Measurements, estimation: NDArray[np.bool_]) -> list[No
         "and name it in split.column."
     )
     return [Note("held-out-near", sentence)]
+
+
+def note_returns(data: Measurements) -> list[Note]:
+    """Note configurations that are taken as repeats of a posture though their readings differ."""
+    _, first = np.unique(data.configuration, return_index=True)
+    readings, posture = data.q[first], data.block[first]
+    sentence = describe_returns(readings, posture, data.prismatic, SAME_READING)
+    return [] if sentence is None else [Note("postures-repeated", sentence)]
 
 
 def _compare_distances(data: Measurements, estimation: NDArray[np.bool_]) -> float | None:

@@ -33,7 +33,7 @@ from ..setup.registration import note_undetermined, register
 from .checks import check_setup
 from .computed_columns import drop_computed_columns
 from .gravity_direction import note_gravity
-from .near_rows import note_near_rows
+from .near_rows import note_near_rows, note_returns
 from .own_causes import list_own_words, note_constant_causes
 from .row_selection import (
     center_unknown_times,
@@ -87,7 +87,7 @@ def prepare(
     _check_enough_configurations(study, data, estimation)
     folds = _assign_folds(study, data, estimation)
     notes += _warn_of_nothing_held_out(estimation)
-    notes += note_near_rows(data, estimation)
+    notes += note_near_rows(data, estimation) + note_returns(data)
     split = Split(
         problem,
         estimation,

@@ -1,0 +1,99 @@
+"""Which visits came back to one posture, where readings differ by what encoders and drives let
+through."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from builders import seeds
+
+from modelsel._random import generator
+from modelsel.measurements import near_readings
+from modelsel.measurements.measurements import build_measurements
+from modelsel.measurements.near_readings import describe_returns, find_returns
+from modelsel.measurements.visits import SAME_READING, number_blocks
+from modelsel.robot.files import load_robot
+from modelsel.selection.splits import assign_folds
+
+
+def come_back(rng: np.random.Generator, jitter: float, postures: int = 30, times: int = 6):
+    """Readings (v, 6) of postures in a shuffled order, and the number of each visit's posture."""
+    planned = load_robot("ur5").draw(rng, postures)
+    posture = rng.permutation(np.repeat(np.arange(postures), times))
+    readings = planned[posture]
+    return readings + rng.uniform(-jitter, jitter, readings.shape), posture
+
+
+def blocks_are(posture: np.ndarray, blocks: np.ndarray) -> bool:
+    together = len(np.unique(np.stack([posture, blocks]), axis=1).T)
+    return together == len(np.unique(posture)) == len(np.unique(blocks))
+
+
+@seeds(1, 2, 3)
+@pytest.mark.parametrize("jitter", [0.0, 1e-5, 1e-4, 4e-4])
+def test_rows_of_a_posture_are_in_one_block(rng: np.random.Generator, jitter: float) -> None:
+    readings, posture = come_back(rng, jitter)
+    assert blocks_are(posture, number_blocks(readings, np.arange(len(readings))))
+
+
+@seeds(1, 2)
+def test_many_visits_by_a_tree_are_those_of_few(rng: np.random.Generator) -> None:
+    readings, posture = come_back(rng, 1e-5, postures=5, times=60)
+    assert blocks_are(posture, number_blocks(readings, np.arange(len(readings))))
+
+
+@seeds(1, 2)
+def test_a_slide_has_a_bound_in_millimetres(rng: np.random.Generator) -> None:
+    readings, posture = come_back(rng, 1e-4)
+    readings[:, 2] = 1000 * readings[:, 2] + rng.uniform(-0.3, 0.3, len(readings))
+    visits = np.arange(len(readings))
+    slides = (False, False, True, False, False, False)
+    assert blocks_are(posture, number_blocks(readings, visits, slides))
+    assert len(np.unique(number_blocks(readings, visits))) > 0.9 * len(visits)
+
+
+@seeds(1, 2)
+def test_a_path_that_is_sampled_finely_has_no_returns(rng: np.random.Generator) -> None:
+    ends = load_robot("ur5").draw(rng, 2)
+    along = np.linspace(0, 1, 20_000)[:, None]
+    path = ends[0] + along * (ends[1] - ends[0])
+    assert not len(find_returns(path))
+
+
+@seeds(1, 2)
+def test_a_fine_grid_around_a_posture_is_no_return(rng: np.random.Generator) -> None:
+    """Steps of half a milliradian of one joint, measured on purpose."""
+    step = np.zeros((3, 6))
+    step[:, 1] = [0.0, 5e-4, 1.5e-3]
+    readings = load_robot("ur5").draw(rng, 1) + step
+    assert not len(find_returns(readings))
+
+
+def test_visits_too_dense_to_count_have_no_returns(monkeypatch, rng: np.random.Generator) -> None:
+    """An arm at rest that is logged thousands of times with a flickering encoder."""
+    monkeypatch.setattr(near_readings, "MOST_PAIRS", 1000)
+    readings, _ = come_back(rng, 1e-5, postures=1, times=200)
+    assert not len(find_returns(readings))
+
+
+@seeds(1, 2, 3)
+def test_a_posture_is_never_in_two_folds(rng: np.random.Generator) -> None:
+    readings, posture = come_back(rng, 5e-5)
+    data = build_measurements(readings, rng.normal(size=(len(readings), 3)))
+    fold_of = assign_folds(data, 5, generator(1, "folds"))
+    assert all(len(np.unique(fold_of[posture == k])) == 1 for k in np.unique(posture))
+
+
+@seeds(1, 2)
+def test_what_was_joined_is_said_with_its_size(rng: np.random.Generator) -> None:
+    planned = load_robot("ur5").draw(rng, 10)
+    readings = np.concatenate([planned, planned[:3]])
+    size = rng.uniform(0.01, 0.05)
+    readings[10, 4] += np.radians(size)
+    said = describe_returns(readings, number_blocks(readings, np.arange(13)), (), SAME_READING)
+    assert said is not None
+    assert f"came back to 1 posture with readings that differ by up to {size:.2g} deg" in said
+    assert "2 configurations" in said
+    equal = planned.repeat(2, axis=0)
+    posture = number_blocks(equal, np.arange(20))
+    assert describe_returns(equal, posture, (), SAME_READING) is None
