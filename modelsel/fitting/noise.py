@@ -11,6 +11,7 @@ from .._typing import Array, Index
 from ..exceptions import StudyError
 from ..measurements.measurements import Measurements
 from ..measurements.repeats import find_repeats
+from ..robot.kinematics import forward
 from .problem import Problem
 from .whitening import Whitening
 
@@ -23,6 +24,8 @@ FAR = 5.0
 COVERAGE = 0.95
 # degrees of freedom from which repeats or pairs of targets are believed
 MIN_FREEDOM = 10
+# rows whose poses are held at a time
+ROWS_TOGETHER = 100_000
 # distances from which a pair of targets shows how they scatter
 MIN_DISTANCES = 3
 # squares about the median of n values are (1 - this / n) of the variance (large n, normal errors)
@@ -90,8 +93,8 @@ def from_repeats(data: Measurements, placed: Index, residuals: Array | None = No
     target and placement of the instrument, `placed` (m,); None with too few.
 
     `residuals` (m, 3): what a model leaves of the positions, which knows what differs from one repeat to
-    the next (a payload, the side that a joint came from)."""
-    repeats = find_repeats(data, placed)
+    the next (readings, a payload, the side that a joint came from)."""
+    repeats = find_repeats(data, placed, residuals is not None)
     freedom = repeats.freedom
     if freedom < MIN_FREEDOM:
         return None
@@ -222,8 +225,29 @@ def _known_floor(
         return _instrument_floor(data, instrument)
     if data.gauges is not None:
         return None, None
-    measured = from_repeats(data, problem.placed) or from_target_pairs(data)
+    measured = _compare_repeats(problem) or from_target_pairs(data)
     return measured, None
+
+
+def _compare_repeats(problem: Problem) -> Floor | None:
+    """Estimate the floor from repeats, less how far the nominal arm moves between their readings."""
+    repeats = find_repeats(problem.data, problem.placed, is_predicted=True)
+    if repeats.freedom < MIN_FREEDOM:
+        return None
+    again = problem.take(repeats.is_repeated)
+    starts = range(0, len(again), ROWS_TOGETHER)
+    pieces = [again.take(slice(start, start + ROWS_TOGETHER)) for start in starts]
+    residuals = again.data.position - np.concatenate([_predict_nominal(one) for one in pieces])
+    return from_repeats(again.data, again.placed, residuals)
+
+
+def _predict_nominal(problem: Problem) -> Array:
+    """Compute where the nominal arm has each row's target (m, 3), in the measurements' frame."""
+    rotations, origins = problem.placement
+    group = problem.data.group
+    places = forward(problem.robot, problem.data.q, problem.tool)
+    turned = np.einsum("mij,mj->mi", rotations[group], places)
+    return np.asarray(turned + origins[group])
 
 
 def _instrument_floor(data: Measurements, instrument: Instrument) -> tuple[Floor, Array]:

@@ -107,6 +107,14 @@ def find_returns(readings: Array, prismatic: Sequence[bool] = ()) -> Index:
     return pairs[stands_apart[posture[pairs[:, 0]]]]
 
 
+def are_near(readings: Array, posture: Index, prismatic: Sequence[bool] = ()) -> Mask:
+    """Say of each posture (k,) whether the readings (v, n) of its visits differ by as little as those of
+    returns."""
+    scaled = _scale(readings, prismatic)
+    spread = compute_spread(scaled, posture)
+    return np.asarray(spread <= 1.0)
+
+
 def _scale(readings: Array, prismatic: Sequence[bool]) -> Array:
     """Divide readings (v, n) by the most by which those of one posture differ."""
     slides = _mark_slides(readings, prismatic)

@@ -8,7 +8,7 @@ import numpy as np
 
 from .._typing import Array, Index, Mask
 from .measurements import Measurements
-from .near_readings import compute_spread
+from .near_readings import are_near, compute_spread
 from .visits import SAME_READING
 
 
@@ -16,23 +16,23 @@ from .visits import SAME_READING
 class Repeats:
     """Rows grouped by posture.
 
-    posture (m,): the number of the group of each row; count (k,): the rows of each group; still (k,):
-    whether the readings of its rows are equal. An arm that is read anew has moved its target."""
+    posture (m,): the number of the group of each row; count (k,): the rows of each group; alike (k,):
+    whether the readings of its rows are."""
 
     posture: Index
     count: Index
-    still: Mask
+    alike: Mask
 
     @property
     def freedom(self) -> int:
         """Degrees of freedom of positions about their group's mean: three for each row measured again."""
-        again = self.count[self.still] - 1
+        again = self.count[self.alike] - 1
         return 3 * int(again.sum())
 
     @property
     def is_repeated(self) -> Mask:
         """Mask (m,) of the rows whose posture was measured more than once."""
-        several = self.still & (self.count > 1)
+        several = self.alike & (self.count > 1)
         return np.asarray(several[self.posture])
 
     def deviate(self, position: Array) -> Array:
@@ -44,13 +44,17 @@ class Repeats:
         return np.where(self.is_repeated[:, None], from_mean, 0.0)
 
 
-def find_repeats(data: Measurements, placed: Index) -> Repeats:
+def find_repeats(data: Measurements, placed: Index, is_predicted: bool = False) -> Repeats:
     """Find the rows of one target that repeat a posture.
 
     `placed` (m,): the number of the instrument's placement in each row; positions are compared within a
-    placement alone."""
+    placement alone. Readings are equal, for an arm that is read anew has moved its target; what is left
+    of positions that a model predicted (`is_predicted`) knows of that, and readings may differ as those
+    of returns do."""
     labels = np.stack([placed, data.block, data.target])
     _, posture, count = np.unique(labels, axis=1, return_inverse=True, return_counts=True)
     posture = posture.reshape(-1)
+    if is_predicted:
+        return Repeats(posture, count, are_near(data.q, posture, data.prismatic))
     spread = compute_spread(data.q, posture)
     return Repeats(posture, count, spread <= SAME_READING)

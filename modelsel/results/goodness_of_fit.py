@@ -100,7 +100,7 @@ def _variances(chosen: Evaluation, floor: Floor, training: Problem) -> _Variance
 def sum_pure_error(problem: Problem, residuals: Array) -> tuple[float, float]:
     """Return (sum of squares, degrees of freedom) of whitened residuals (m, c) of positions at equal readings of one
     target, about their means: a model knows what differs from one repeat to the next."""
-    repeats = find_repeats(problem.data, problem.placed)
+    repeats = find_repeats(problem.data, problem.placed, is_predicted=True)
     # about the means first: rows that share errors are mixed
     deviations = repeats.deviate(residuals[:, :3])
     padded = np.pad(deviations, ((0, 0), (0, problem.components - 3)))

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from builders import OFF_AXIS, bind, seeds, small_arm
+from scipy.spatial.transform import Rotation
 
 from modelsel._typing import Array
 from modelsel.fitting.noise import Floor, from_repeats, from_target_pairs, weigh
@@ -82,6 +83,24 @@ def test_repeats_are_compared_where_the_instrument_stood_alike(rng: np.random.Ge
     assert floor.freedom == 72
     _, mixed = weigh(problem, None, None)
     assert mixed.coordinate_mm > 50
+
+
+@seeds(1, 2)
+def test_readings_that_differ_a_little_leave_the_noise(rng: np.random.Generator) -> None:
+    """The arm does not come back exactly: what its readings say it moved, three times the noise and
+    more, is no noise. Its joints are off by milliradians, the tool by millimetres."""
+    q = np.tile(ARM.draw(rng, 15), (4, 1)) + rng.uniform(-4e-4, 4e-4, (60, 3))
+    true_tool = np.array(OFF_AXIS) + rng.normal(0, 2, 3)
+    position = forward(ARM, q + rng.normal(0, 2e-3, 3), true_tool)
+    errors = rng.normal(0, SIGMA, (60, 3))
+    turn = Rotation.random(random_state=rng).as_matrix()
+    data = build_measurements(q, (position + errors) @ turn.T + 500.0)
+    placed = replace(bind(ARM, data), placement=(turn[None], np.full((1, 3), 500.0)))
+    _, floor = weigh(placed, None, None)
+    assert floor.source == "repeats"
+    assert floor.freedom == 3 * 45
+    assert floor.coordinate_mm == pytest.approx(SIGMA, rel=0.2)
+    assert from_repeats(data, data.group) is None
 
 
 def test_two_targets_at_one_place_tell_no_floor(rng: np.random.Generator) -> None:
