@@ -33,6 +33,7 @@ MEASURED = (
     StateKind.READING,
     StateKind.TARGET,
     StateKind.ON_FLANGE,
+    StateKind.LOAD_ON_FLANGE,
     StateKind.GROUP,
     StateKind.PROGRESS,
     StateKind.APPROACH,
@@ -273,6 +274,17 @@ def _on_flange(state: StateVariables) -> Values:
     return _by_axis(StateKind.ON_FLANGE, offsets.T)
 
 
+def _load_on_flange(state: StateVariables) -> Values:
+    """Return where a payload hangs on the flange: at the mean of all targets."""
+    middle = state.tools.mean(0)
+    rows = np.repeat(middle[:, None], len(state.data), axis=1)
+    return _by_axis(StateKind.LOAD_ON_FLANGE, rows)
+
+
+def _load_position(state: StateVariables) -> Values:
+    return _by_axis(StateKind.LOAD_POSITION, state.loaded_pose().target)
+
+
 def _group(state: StateVariables) -> Values:
     groups = state.data.group
     numbers = groups.astype(float)
@@ -340,6 +352,17 @@ def _down(state: StateVariables) -> Values:
     return _by_axis(StateKind.DOWN, np.einsum("aim,i->am", last_axes, _gravity(state)))
 
 
+def _down_at_joints(state: StateVariables) -> Values:
+    """Return the direction of gravity in the frame of every joint."""
+    out: Values = {}
+    axes = state.loaded_pose().axes[:-1, :3]
+    pulls = np.einsum("jaim,i->jam", axes, _gravity(state))
+    for joint, rows in enumerate(pulls, 1):
+        for axis, row in zip("xyz", rows, strict=True):
+            out[StateVariable(StateKind.DOWN_AT_JOINT, joint, axis)] = row
+    return out
+
+
 def _base_moment(state: StateVariables) -> Values:
     moment = compute_base_moment(state.robot, state.loaded_pose(), state.data.q)
     return _by_axis(StateKind.BASE_MOMENT, moment)
@@ -384,6 +407,8 @@ EVALUATORS: dict[StateKind, Callable[[StateVariables], Values]] = {
     StateKind.REACH: _positions,
     StateKind.TARGET: _target,
     StateKind.ON_FLANGE: _on_flange,
+    StateKind.LOAD_ON_FLANGE: _load_on_flange,
+    StateKind.LOAD_POSITION: _load_position,
     StateKind.GROUP: _group,
     StateKind.PROGRESS: _progress,
     StateKind.APPROACH: _approaches,
@@ -394,6 +419,7 @@ EVALUATORS: dict[StateKind, Callable[[StateVariables], Values]] = {
     StateKind.TORQUE: _link_moments,
     StateKind.BASE_MOMENT: _base_moment,
     StateKind.DOWN: _down,
+    StateKind.DOWN_AT_JOINT: _down_at_joints,
     StateKind.BENDING: _link_moments,
     StateKind.UNIT_BENDING: _unit_moments,
     StateKind.UNIT_TORQUE: _unit_moments,
