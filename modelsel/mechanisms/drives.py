@@ -146,6 +146,8 @@ def encoder_scale(robot: Robot, joint: int) -> Mechanism:
     )
 
 
+# added to how often a turn an axis wobbles: in a circle, with the joint's turning or against it
+WITH, AGAINST = 10, 20
 # how often a turn an axis wobbles, and the parts that usually make it
 WOBBLES = {
     1: ("once", ("inclined bearing race", "bent shaft")),
@@ -154,21 +156,51 @@ WOBBLES = {
 }
 
 
-def axis_wobble(robot: Robot, joint: int, waves: int) -> Mechanism:
+def list_wobbles(robot: Robot, joint: int) -> tuple[int, ...]:
+    """List the ways in which an axis may wobble: how often a turn, in any shape, or in a circle with the
+    joint's turning or against it. Once with it, the axis only stands askew in what it turns."""
+    shapes = tuple(WOBBLES)
+    with_joint = tuple(WITH + often for often in WOBBLES if often > 1)
+    against = tuple(AGAINST + often for often in WOBBLES)
+    return (*shapes, *with_joint, *against)
+
+
+def axis_wobble(robot: Robot, joint: int, wobble: int) -> Mechanism:
     """The joint's axis tilts as its bearing turns: once a turn (an inclined race), twice (an oval
-    one) or three times (one with three lobes)."""
-    terms = wave_terms(joint, waves, "rx", f"x{joint}") + wave_terms(
-        joint, waves, "ry", f"y{joint}"
-    )
+    one) or three times (one with three lobes); in any shape, with four numbers, or in a circle, with two.
+    `wobble`: one of `list_wobbles`."""
+    way, waves = divmod(wobble, WITH)
     often, parts = WOBBLES[waves]
+    shape = ""
+    nods = wave_terms(joint, waves, "rx", f"x{joint}")
+    terms: tuple[Term, ...] = nods + wave_terms(joint, waves, "ry", f"y{joint}")
+    equation = f"α{joint}, β{joint} ∝ sin({waves} q{joint}), cos({waves} q{joint})"
+    if way:
+        terms = _circle(joint, waves, way)
+        sign = "-" if way > 1 else ""
+        shape = " in a circle"
+        equation = f"α{joint} + iβ{joint} = (u + iv) exp({sign}i {_multiply(waves, q(joint))})"
     return Mechanism(
         f"axis-wobble:{joint}",
         terms,
-        f"The axis of joint {joint} wobbles, {often} a turn.",
-        f"α{joint}, β{joint} ∝ sin({waves} q{joint}), cos({waves} q{joint})",
+        f"The axis of joint {joint} wobbles{shape}, {often} a turn.",
+        equation,
         "ISO 230-7, axes of rotation: tilt",
         usual_causes=parts,
     )
+
+
+def _circle(joint: int, waves: int, way: int) -> tuple[Term, ...]:
+    """Build the terms of an axis whose tilt goes round, `way` 1 with the joint's turning and 2 against
+    it."""
+    angle = _multiply(waves, q(joint))
+    ahead, aside = cos(angle), sin(angle)
+    back = -1.0 * aside
+    if way > 1:
+        aside, back = back, aside
+    along = (Screw(joint, "rx", ahead), Screw(joint, "ry", aside))
+    across = (Screw(joint, "rx", back), Screw(joint, "ry", ahead))
+    return Term(f"u{joint}", along, RUNOUT), Term(f"v{joint}", across, RUNOUT)
 
 
 # Couplings: a joint that turns because another one does.

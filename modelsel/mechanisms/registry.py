@@ -103,9 +103,7 @@ _BUILTIN: Registry = {
     "gear-ripple": Scanned(
         drives.gear_ripple, drives.list_waves, drives.revolute_joints, more=drives.HIGH_WAVES
     ),
-    "axis-wobble": Scanned(
-        drives.axis_wobble, lambda robot, joint: (1, 2, 3), drives.revolute_joints
-    ),
+    "axis-wobble": Scanned(drives.axis_wobble, drives.list_wobbles, drives.revolute_joints),
     "joint-compliance": Scanned(
         compliance.joint_compliance, compliance.mass_choices, motors.find_payload_motors
     ),
