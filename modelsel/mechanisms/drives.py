@@ -177,9 +177,10 @@ def axis_wobble(robot: Robot, joint: int, wobble: int) -> Mechanism:
     equation = f"α{joint}, β{joint} ∝ sin({waves} q{joint}), cos({waves} q{joint})"
     if way:
         terms = _circle(joint, waves, way)
-        sign = "-" if way > 1 else ""
         shape = " in a circle"
-        equation = f"α{joint} + iβ{joint} = (u + iv) exp({sign}i {_multiply(waves, q(joint))})"
+        sign, other = ("-", "+") if way > 1 else ("", "-")
+        angle = _multiply(waves, q(joint))
+        equation = f"α{joint} + iβ{joint} = (u {other} iv) exp({sign}i {angle})"
     return Mechanism(
         f"axis-wobble:{joint}",
         terms,
@@ -195,11 +196,11 @@ def _circle(joint: int, waves: int, way: int) -> tuple[Term, ...]:
     it."""
     angle = _multiply(waves, q(joint))
     ahead, aside = cos(angle), sin(angle)
-    back = -1.0 * aside
+    yaws, back = aside, -1.0 * ahead
     if way > 1:
-        aside, back = back, aside
-    along = (Screw(joint, "rx", ahead), Screw(joint, "ry", aside))
-    across = (Screw(joint, "rx", back), Screw(joint, "ry", ahead))
+        yaws, back = -1.0 * aside, ahead
+    along = (Screw(joint, "rx", ahead), Screw(joint, "ry", yaws))
+    across = (Screw(joint, "rx", aside), Screw(joint, "ry", back))
     return Term(f"u{joint}", along, RUNOUT), Term(f"v{joint}", across, RUNOUT)
 
 

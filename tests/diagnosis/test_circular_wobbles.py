@@ -75,7 +75,7 @@ def test_each_circle_is_a_tilt_of_one_amplitude(rng: np.random.Generator) -> Non
         amplitude, phase = float(rng.uniform(1, 2)), float(rng.uniform(0, 6))
         wanted = circle(way * often * q[:, 2], amplitude, phase)
         found = {"rx": np.zeros(20), "ry": np.zeros(20)}
-        shares = amplitude * np.array([np.cos(phase), np.sin(phase)])
+        shares = amplitude * np.array([np.cos(phase), -way * np.sin(phase)])
         for term, share in zip(one.terms, shares, strict=True):
             for screw in term.screws:
                 assert screw.frame == 3

@@ -1,0 +1,46 @@
+"""Joints whose own gravity torque is a wave once a turn, as that of a level axis behind an upright one is.
+
+What such a joint winds up under its weight goes as an eccentric gear or encoder does, so that one finding has
+the sum of both."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..fitting.problem import Problem
+from ..mechanisms.causes import cos, sin
+from ..mechanisms.motors import find_gravity_motors, motor_reading, motor_torque
+from ..mechanisms.terms import Mechanism
+from ..robot.gravity import G
+
+# what goes once a turn of a joint, and what goes with its torque
+WAVE, SPRING = "gear-eccentricity", "joint-compliance"
+# share of a torque's changes that no wave once a turn has, up to which it is one
+MAX_LEFT = 0.05
+# N m: a torque that changes less does not wind a joint up
+LEAST_TORQUE = 1e-6 * G
+
+
+def find_mixed_joint(problem: Problem, mechanism: Mechanism) -> int | None:
+    """Find the joint of which a mechanism may be an uneven turning and a wind-up under the arm's own weight
+    at once; None where it is neither, or where these rows tell them apart."""
+    joint = mechanism.joint
+    if joint is None or mechanism.stem not in (WAVE, SPRING):
+        return None
+    robot = problem.robot
+    if joint not in find_gravity_motors(robot):
+        return None
+    load = motor_torque(robot, joint)
+    if mechanism.stem == SPRING and mechanism.names() != load.names():
+        return None
+    torque = np.asarray(problem.cause(load))
+    changes = torque - torque.mean()
+    size = np.linalg.norm(changes)
+    if size <= LEAST_TORQUE * np.sqrt(len(torque)):
+        return None
+    reading = motor_reading(robot, joint)
+    waves = [np.asarray(problem.cause(wave(reading))) for wave in (sin, cos)]
+    columns = np.stack([np.ones(len(torque)), *waves], axis=1)
+    fitted, *_ = np.linalg.lstsq(columns, changes, rcond=None)
+    left = np.linalg.norm(changes - columns @ fitted)
+    return joint if left <= MAX_LEFT * size else None
