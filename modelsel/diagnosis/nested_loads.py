@@ -104,18 +104,25 @@ def find_nested_loads(candidates: Sequence[Candidate]) -> NestedLoads:
                 twists.setdefault(moved, set()).add(g)
     complete = []
     for what, springs in found.items():
-        if len(springs) == 3:
-            is_drive = what.stem == DRIVE
-            others = twists.get(what.number or 0, ()) if is_drive else ()
-            complete.append(_Springs(**springs, twists=frozenset(others)))
+        if len(springs) != 3:
+            continue
+        others: Collection[int] = ()
+        if what.stem == DRIVE:
+            joint = what.number or 0
+            others = twists.get(joint, ())
+        every = _Springs(**springs, twists=frozenset(others))
+        complete.append(every)
     return NestedLoads(complete)
 
 
 def _find_yielding(mechanism: Mechanism) -> _Yielding:
     """Find what yields by a spring."""
-    stem = OF_PAYLOAD.get(mechanism.stem, mechanism.stem)
-    places = frozenset(mechanism.names_by_place())
-    return _Yielding(stem, mechanism.joint, len(mechanism.terms), places)
+    name = mechanism.stem
+    stem = OF_PAYLOAD.get(name, name)
+    numbers = len(mechanism.terms)
+    places = mechanism.names_by_place()
+    moved = frozenset(places)
+    return _Yielding(stem, mechanism.joint, numbers, moved)
 
 
 def _find_kind(mechanism: Mechanism) -> str:

@@ -20,55 +20,72 @@ from ..robot.rigid import AXES
 ZERO_STEP, SET_UP_STEP = "zero-step", "tracker-step"
 # what stands before the moment in the sentence of a zero that steps
 IS_ANOTHER = " is another one "
-# share of a direction that is none
+# change of a direction that is none, and digits of one
 NONE = 1e-6
+DIGITS = 7
 
 
 def add_steps_along_slides(
     problem: Problem, mechanisms: Sequence[Mechanism]
 ) -> tuple[Mechanism, ...]:
     """Add to steps of slides' zeros those of the instrument along them, where such steps are looked for."""
-    is_offered = any(one.name == SET_UP_STEP for one in mechanisms)
-    if not is_offered or not any(problem.robot.prismatic):
-        return tuple(mechanisms)
-    return (*mechanisms, *_generate_twins(problem, mechanisms))
+    known = tuple(mechanisms)
+    names = {one.name for one in known}
+    robot = problem.robot
+    if SET_UP_STEP not in names or not any(robot.prismatic):
+        return known
+    twins = _generate_twins(problem, known)
+    return (*known, *twins)
 
 
 def _generate_twins(problem: Problem, mechanisms: Sequence[Mechanism]) -> Iterator[Mechanism]:
     """Generate the steps of the instrument along slides that point one way."""
     directions = _find_directions(problem)
     for one in mechanisms:
-        if one.stem != ZERO_STEP or one.joint not in directions:
+        joint = one.joint
+        if one.stem != ZERO_STEP or joint not in directions:
             continue
-        screws = one.terms[0].screws
-        if [(screw.frame, screw.axis) for screw in screws] == [(one.joint, "tz")]:
-            along = directions[one.joint]
-            yield _shift_instrument(problem, one, along, screws[0].cause)
+        (term,) = one.terms
+        first, *others = term.screws
+        is_own = first.frame == joint and first.axis == "tz"
+        if is_own and not others:
+            along = directions[joint]
+            yield _shift_instrument(problem, one, along, first.cause)
 
 
 def _find_directions(problem: Problem) -> dict[int, Array]:
     """Find the slides (from 1) that point the same way on all rows, each with its direction (3,) in frame
     0."""
     robot = problem.robot
-    axes = problem.state.loaded_pose().axes
+    at = problem.state.loaded_pose()
     directions = {}
     for k, slides in enumerate(robot.prismatic):
-        along = axes[k, 2]
-        if slides and np.ptp(along, axis=1).max() < NONE:
-            directions[k + 1] = along[:, 0]
+        along = at.axes[k, 2]
+        changes = np.ptp(along, axis=1)
+        is_still = changes.max() < NONE
+        if slides and is_still:
+            joint = k + 1
+            directions[joint] = along[:, 0]
     return directions
 
 
 def _shift_instrument(problem: Problem, zero: Mechanism, along: Array, cause: Cause) -> Mechanism:
     """Build the step of the instrument that does what a slide's zero does."""
-    shares = problem.robot.joints[0].before[:3, :3].T @ along
+    robot = problem.robot
+    before = robot.joints[0].before
+    R = before[:3, :3]
+    shares = R.T @ along
     screws = []
     for axis, share in zip(AXES[:3], shares.tolist(), strict=True):
-        if abs(share) > NONE:
-            number = round(share, 9)
-            screws.append(Screw(1, axis, cause if number == 1 else number * cause))
+        number = round(share, DIGITS)
+        amount = cause
+        if number != 1:
+            amount = number * cause
+        if number:
+            screw = Screw(1, axis, amount)
+            screws.append(screw)
     _, _, begins = zero.sentence.partition(IS_ANOTHER)
-    any_step = tracker_step(problem.robot, 0.5)
+    any_step = tracker_step(robot, 0.5)
     return Mechanism(
         SET_UP_STEP,
         (Term("j", tuple(screws), STEP["t"]),),

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from .._typing import Array
 from ..fitting.problem import Problem
-from ..mechanisms.causes import cos, sin
+from ..mechanisms.causes import Cause, cos, sin
 from ..mechanisms.motors import find_gravity_motors, motor_reading, motor_torque
 from ..mechanisms.terms import Mechanism
 from ..robot.gravity import G
@@ -34,13 +35,26 @@ def find_mixed_joint(problem: Problem, mechanism: Mechanism) -> int | None:
     if mechanism.stem == SPRING and mechanism.names() != load.names():
         return None
     torque = np.asarray(problem.cause(load))
-    changes = torque - torque.mean()
-    size = np.linalg.norm(changes)
-    if size <= LEAST_TORQUE * np.sqrt(len(torque)):
-        return None
     reading = motor_reading(robot, joint)
-    waves = [np.asarray(problem.cause(wave(reading))) for wave in (sin, cos)]
-    columns = np.stack([np.ones(len(torque)), *waves], axis=1)
-    fitted, *_ = np.linalg.lstsq(columns, changes, rcond=None)
-    left = np.linalg.norm(changes - columns @ fitted)
-    return joint if left <= MAX_LEFT * size else None
+    if _is_one_wave(problem, torque, reading):
+        return joint
+    return None
+
+
+def _is_one_wave(problem: Problem, torque: Array, reading: Cause) -> bool:
+    """Return whether a torque (m,) that changes is a wave once a turn of a reading."""
+    changes = torque - torque.mean()
+    largest = np.abs(changes).max()
+    if largest <= LEAST_TORQUE:
+        return False
+    ones = np.ones(len(torque))
+    columns = [ones]
+    for wave in (sin, cos):
+        cause = wave(reading)
+        values = problem.cause(cause)
+        columns.append(np.asarray(values))
+    waves = np.stack(columns, axis=1)
+    fitted, *_ = np.linalg.lstsq(waves, changes, rcond=None)
+    left = changes - waves @ fitted
+    most = MAX_LEFT * np.linalg.norm(changes)
+    return bool(np.linalg.norm(left) <= most)

@@ -29,22 +29,29 @@ LEAST_OWN = 0.1
 def sees_both_loads(problem: Problem, joint: int) -> bool:
     """Return whether masses are declared, the payload changes on these rows, and a drive's own torque is
     seen beside that of the payload."""
-    own = motor_torque(problem.robot, joint)
-    held = payload_torque(problem.robot, joint)
-    return _sees_own(problem, {own: held})
+    robot = problem.robot
+    own = motor_torque(robot, joint)
+    held = payload_torque(robot, joint)
+    loads = {own: held}
+    return _sees_own(problem, loads)
 
 
 def sees_loads_of(problem: Problem, mechanism: Mechanism) -> bool:
     """Return the same of what a mechanism has yield: a drive, a link or the base."""
     joint = mechanism.joint
     if joint is None:
-        return _sees_own(problem, list_base_loads(problem.robot))
+        loads = list_base_loads(problem.robot)
+        return _sees_own(problem, loads)
     if mechanism.stem != BENDING:
         return sees_both_loads(problem, joint)
     robot = problem.robot
-    moments = name_moments(robot, joint + 1)
-    held = name_moments(robot, joint + 1, robot.n + 1)
-    pairs = {own: HELD * held[axis] for axis, own in moments.items()}
+    frame = joint + 1
+    target = robot.n + 1
+    moments = name_moments(robot, frame)
+    of_one_kg = name_moments(robot, frame, target)
+    pairs = {}
+    for axis, own in moments.items():
+        pairs[own] = HELD * of_one_kg[axis]
     return _sees_own(problem, pairs)
 
 
@@ -56,9 +63,15 @@ def _sees_own(problem: Problem, loads: Mapping[Cause, Cause]) -> bool:
     payload = problem.value(PAYLOAD)
     if not np.ptp(payload):
         return False
-    own = [np.std(problem.cause(cause)) for cause in loads]
-    held = [np.std(problem.cause(cause)) for cause in loads.values()]
-    return bool(np.linalg.norm(own) >= LEAST_OWN * np.linalg.norm(held))
+    own_changes = 0.0
+    held_changes = 0.0
+    for own, held in loads.items():
+        weight = problem.cause(own)
+        own_changes += float(np.var(weight))
+        load = problem.cause(held)
+        held_changes += float(np.var(load))
+    least = LEAST_OWN**2 * held_changes
+    return bool(own_changes >= least)
 
 
 def list_torques(robot: Robot, joint: int) -> tuple[Cause, ...]:

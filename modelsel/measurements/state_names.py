@@ -198,11 +198,7 @@ FAMILIES = (
     ),
     StateFamily(StateKind.LOAD_POSITION, "load_{axis}_mm", "the payload's place", "mm", "xyz"),
     StateFamily(
-        StateKind.LOAD_ON_FLANGE,
-        "load_on_flange_{axis}_mm",
-        "the payload's place on the flange",
-        "mm",
-        "xyz",
+        StateKind.LOAD_ON_FLANGE, "load_on_flange_{axis}_mm", "the payload's place", "mm", "xyz"
     ),
     StateFamily(StateKind.TARGET, "target", "the target"),
     StateFamily(StateKind.GROUP, "group", "the group"),
@@ -241,11 +237,7 @@ FAMILIES = (
         StateKind.DOWN, "down_{axis}", "the direction of gravity at the target", "1", "xyz", True
     ),
     StateFamily(
-        StateKind.DOWN_AT_JOINT,
-        "down{joint}_{axis}",
-        "the direction of gravity at joint {joint}",
-        axes="xyz",
-        by_gravity=True,
+        StateKind.DOWN_AT_JOINT, "down{joint}_{axis}", "the pull at joint {joint}", "1", "xyz", True
     ),
     StateFamily(
         StateKind.BENDING,

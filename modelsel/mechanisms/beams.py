@@ -33,19 +33,23 @@ OF_ONE_KG = "N m/kg"
 def find_length(robot: Robot, link: int) -> Array:
     """Find the line (3,) [mm] from a link's own joint to the next, along the axes of the next one's
     frame."""
-    before = robot.joints[link].before
-    length: Array = before[:3, :3].T @ before[:3, 3]
+    joint = robot.joints[link]
+    R = joint.before[:3, :3]
+    line = joint.before[:3, 3]
+    length: Array = R.T @ line
     return length
 
 
 def can_bend(robot: Robot, link: int) -> bool:
     """Return whether a link is long enough to bend, and all that loads its end is known: of a slide the
     moment about its own axis is not, unless it is upright."""
-    length = np.linalg.norm(find_length(robot, link))
-    if length < SHORTEST:
+    length = find_length(robot, link)
+    if np.linalg.norm(length) < SHORTEST:
         return False
-    is_slide = robot.joints[link].prismatic
-    return not is_slide or keeps_slide_upright(robot, link + 1)
+    joint = robot.joints[link]
+    if joint.prismatic:
+        return keeps_slide_upright(robot, link + 1)
+    return True
 
 
 def weight_moment(frame: int, axis: str, body: int | None = None) -> Named:
@@ -62,15 +66,25 @@ def weight_moment(frame: int, axis: str, body: int | None = None) -> Named:
 
 def name_moments(robot: Robot, frame: int, body: int | None = None) -> dict[str, Cause]:
     """Name the moments about the axes of a frame: of a slide, across it alone."""
-    axes = "xy" if robot.joints[frame - 1].prismatic else "xyz"
-    return {axis: weight_moment(frame, axis, body) for axis in axes}
+    joint = robot.joints[frame - 1]
+    axes = "xyz"
+    if joint.prismatic:
+        axes = "xy"
+    moments: dict[str, Cause] = {}
+    for axis in axes:
+        moments[axis] = weight_moment(frame, axis, body)
+    return moments
 
 
 def turn_end(robot: Robot, link: int, body: int | None = None) -> dict[str, Cause]:
     """Build what turns a link's end about each axis where its end alone yields: the moment of the
     weight beyond it, or of 1 kg at a body."""
-    moments = name_moments(robot, link + 1, body)
-    return {f"r{axis}": moment for axis, moment in moments.items()}
+    frame = link + 1
+    moments = name_moments(robot, frame, body)
+    turned = {}
+    for axis, moment in moments.items():
+        turned[f"r{axis}"] = moment
+    return turned
 
 
 def bend_tube(robot: Robot, link: int, body: int | None = None) -> dict[str, Cause]:
@@ -82,10 +96,12 @@ def bend_tube(robot: Robot, link: int, body: int | None = None) -> dict[str, Cau
 def twist_beam(robot: Robot, link: int, body: int | None = None) -> dict[str, Cause]:
     """Build what twists a link about itself: the moment along it."""
     along = _find_direction(robot, link)
-    moments = name_moments(robot, link + 1, body)
+    frame = link + 1
+    moments = name_moments(robot, frame, body)
     twisted: dict[str, Cause] = {}
-    for k, axis in enumerate("xyz"):
-        parts = _weigh(along[k] * along, moments, "1")
+    for axis, share in zip("xyz", along, strict=True):
+        shares = share * along
+        parts = _weigh(shares, moments, "1")
         if parts:
             twisted[f"r{axis}"] = _add(parts)
     return twisted
@@ -104,20 +120,24 @@ def bend_beam(
     moments = name_moments(robot, frame, body)
     pulls: dict[str, Cause] = {axis: Named(f"down{frame}_{axis}") for axis in "xyz"}
     across = _cross_matrix(length)
-    levers = weight * G * across / 1e3
+    levers = weight * G / 1e3 * across
     along = _find_direction(robot, link)
-    turned = np.eye(3) + (twist - 1) * np.outer(along, along)
-    half = _cross_matrix(-length / 2)
-    third = _cross_matrix(-length / 3)
+    twisted = np.outer(along, along)
+    turned = np.eye(3) + (twist - 1) * twisted
     bent: dict[str, Cause] = {}
-    for kind, of_moment, of_force, scale in (
-        ("r", turned, levers / 2, ("1", unit)),
-        ("t", half, third @ levers, ("mm", f"mm {unit}")),
-    ):
-        for k, axis in enumerate("xyz"):
-            parts = _weigh(of_moment[k], moments, scale[0]) + _weigh(of_force[k], pulls, scale[1])
-            if parts:
-                bent[f"{kind}{axis}"] = _add(parts)
+    for k, axis in enumerate("xyz"):
+        by_moment = _weigh(turned[k], moments, "1")
+        by_force = _weigh(levers[k] / 2, pulls, unit)
+        parts = by_moment + by_force
+        if parts:
+            bent[f"r{axis}"] = _add(parts)
+    shifted = across @ levers
+    for k, axis in enumerate("xyz"):
+        by_moment = _weigh(-across[k] / 2, moments, "mm")
+        by_force = _weigh(-shifted[k] / 3, pulls, f"mm {unit}")
+        parts = by_moment + by_force
+        if parts:
+            bent[f"t{axis}"] = _add(parts)
     return bent
 
 
@@ -127,31 +147,42 @@ def build_screws(
     """Build the screws of a link's end that moves with its own weight, with what is held times its
     mass, or with both."""
     screws = []
-    for axis in dict.fromkeys((*own, *held)):
-        parts = [own[axis]] if axis in own else []
+    axes = dict.fromkeys((*own, *held))
+    for axis in axes:
+        parts = []
+        if axis in own:
+            parts.append(own[axis])
         if axis in held:
-            parts.append(mass * held[axis])
-        screws.append(Screw(frame, axis, _add(parts)))
+            load = mass * held[axis]
+            parts.append(load)
+        cause = _add(parts)
+        screw = Screw(frame, axis, cause)
+        screws.append(screw)
     return tuple(screws)
 
 
 def _find_direction(robot: Robot, link: int) -> Array:
     """Find the direction (3,) of a link along the axes of its far end's frame."""
-    length = find_length(robot, link)
-    return length / np.linalg.norm(length)
+    line = find_length(robot, link)
+    length = np.linalg.norm(line)
+    direction: Array = line / length
+    return direction
 
 
 def _weigh_beyond(robot: Robot, frame: int) -> float:
     """Weigh what lies beyond a joint [kg]: 1 kg at each later frame where no mass is declared."""
     joints = robot.joints[frame - 1 :]
     if not declares_masses(robot):
-        return float(len(joints))
-    return sum(joint.mass or 0.0 for joint in joints)
+        count = len(joints)
+        return float(count)
+    masses = [joint.mass or 0.0 for joint in joints]
+    return sum(masses)
 
 
 def _cross_matrix(vector: Array) -> Array:
     """Build the matrix (3, 3) that multiplies from the left as a vector (3,) does."""
-    columns = np.cross(vector, np.eye(3))
+    units = np.eye(3)
+    columns = np.cross(vector, units)
     return columns.T
 
 
@@ -159,12 +190,15 @@ def _weigh(shares: Array, causes: dict[str, Cause], unit: str) -> list[Cause]:
     """Weigh causes along x, y and z by their shares (3,); those of none are left out."""
     parts = []
     for share, axis in zip(shares, "xyz", strict=True):
-        rounded = float(f"{share:.{DIGITS}g}")
+        written = f"{share:.{DIGITS}g}"
+        rounded = float(written)
         if axis not in causes or abs(rounded) < 1e-9:
             continue
         cause = causes[axis]
-        is_whole = rounded == 1 and unit == "1"
-        parts.append(cause if is_whole else Number(rounded, unit) * cause)
+        number = Number(rounded, unit)
+        if number != ONE:
+            cause = number * cause
+        parts.append(cause)
     return parts
 
 

@@ -50,11 +50,16 @@ def find_bending_links(robot: Robot) -> tuple[int, ...]:
 def list_bendings(robot: Robot, link: int) -> tuple[int, ...]:
     """List what may bend of a link, and what is known of the masses beyond it: known ones, then unknown
     ones, with the payload where they are declared."""
-    ends = mass_choices(robot, link + 1)
+    joint = link + 1
+    ends = mass_choices(robot, joint)
     if not can_bend(robot, link):
         return ends
-    tubes = [TUBE + masses for masses in ends]
-    beams = [BEAM + masses for masses in ends if masses != UNKNOWN]
+    tubes = []
+    beams = []
+    for masses in ends:
+        tubes.append(TUBE + masses)
+        if masses != UNKNOWN:
+            beams.append(BEAM + masses)
     return (*ends, *tubes, *beams)
 
 
@@ -92,8 +97,10 @@ def _bend_by_each(robot: Robot, link: int, bend: Bend) -> list[Term]:
     f = link + 1
     terms = []
     for k in later_frames(robot, f):
-        screws = build_screws(f, bend(robot, link, k))
-        terms.append(Term(f"b{link}m{k}", screws, HEAVY, 1))
+        bent = bend(robot, link, k)
+        screws = build_screws(f, bent)
+        term = Term(f"b{link}m{k}", screws, HEAVY, 1)
+        terms.append(term)
     return terms
 
 
@@ -141,8 +148,11 @@ def payload_bending(robot: Robot, link: int, load: int) -> Mechanism:
 def _describe(link: int, weight: str, form: int) -> str:
     """Describe what a link does under a weight, in a sentence."""
     if form:
-        twists = " and twists" if len(FORMS[form]) > 1 else ""
-        return f"Link {link} bends{twists} as a beam does, under the moment and the force of the {weight}."
+        numbers = len(FORMS[form])
+        bends = "bends and twists" if numbers > 1 else "bends"
+        return (
+            f"Link {link} {bends} as a beam does, under the moment and the force of the {weight}."
+        )
     return f"The far end of link {link} turns in proportion to the moment of the {weight}."
 
 

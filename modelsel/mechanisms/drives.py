@@ -159,10 +159,13 @@ WOBBLES = {
 def list_wobbles(robot: Robot, joint: int) -> tuple[int, ...]:
     """List the ways in which an axis may wobble: how often a turn, in any shape, or in a circle with the
     joint's turning or against it. Once with it, the axis only stands askew in what it turns."""
-    shapes = tuple(WOBBLES)
-    with_joint = tuple(WITH + often for often in WOBBLES if often > 1)
-    against = tuple(AGAINST + often for often in WOBBLES)
-    return (*shapes, *with_joint, *against)
+    with_joint = []
+    against = []
+    for often in WOBBLES:
+        against.append(AGAINST + often)
+        if often > 1:
+            with_joint.append(WITH + often)
+    return (*WOBBLES, *with_joint, *against)
 
 
 def axis_wobble(robot: Robot, joint: int, wobble: int) -> Mechanism:
@@ -195,13 +198,20 @@ def _circle(joint: int, waves: int, way: int) -> tuple[Term, ...]:
     """Build the terms of an axis whose tilt goes round, `way` 1 with the joint's turning and 2 against
     it."""
     angle = _multiply(waves, q(joint))
-    ahead, aside = cos(angle), sin(angle)
-    yaws, back = aside, -1.0 * ahead
+    ahead = cos(angle)
+    aside = sin(angle)
+    yaws: Cause = aside
+    back = -1.0 * ahead
     if way > 1:
-        yaws, back = -1.0 * aside, ahead
-    along = (Screw(joint, "rx", ahead), Screw(joint, "ry", yaws))
-    across = (Screw(joint, "rx", aside), Screw(joint, "ry", back))
-    return Term(f"u{joint}", along, RUNOUT), Term(f"v{joint}", across, RUNOUT)
+        yaws = -1.0 * aside
+        back = ahead
+    terms = []
+    for symbol, nod, yaw in (("u", ahead, yaws), ("v", aside, back)):
+        nods = Screw(joint, "rx", nod)
+        turns = Screw(joint, "ry", yaw)
+        term = Term(f"{symbol}{joint}", (nods, turns), RUNOUT)
+        terms.append(term)
+    return tuple(terms)
 
 
 # Couplings: a joint that turns because another one does.

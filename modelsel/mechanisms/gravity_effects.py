@@ -206,7 +206,8 @@ def list_base_loads(robot: Robot) -> dict[Cause, Cause]:
     loads: dict[Cause, Cause] = {}
     for axis in list_level_axes(robot):
         own = base_moment(axis)
-        loads[own] = OF_ONE_KG * _payload_moment(robot, axis)
+        held = _payload_moment(robot, axis)
+        loads[own] = OF_ONE_KG * held
     return loads
 
 
@@ -294,16 +295,23 @@ def _add_shares(share: float, one: Cause, other_share: float, other: Cause) -> C
 def _payload_moment(robot: Robot, axis: int) -> Cause:
     """Build the payload times its lever about a level axis 0, 1, 2 of frame 0 [kg mm]."""
     down = robot.gravity or (0, 0, 0)
-    place = [Named(f"load_{name}_mm", "mm") for name in NAMES]
-    j, k = (axis + 1) % 3, (axis + 2) % 3
+    j = (axis + 1) % 3
+    k = (axis + 2) % 3
     # lever x down
     levers = list[Cause]()
-    for where, weight in ((place[j], down[k]), (place[k], -down[j])):
-        if abs(weight) > 1e-9:
-            lever = where if weight == 1 else weight * where
-            levers.append(lever)
-    lever = levers[0] if len(levers) == 1 else levers[0] + levers[1]
-    return Named(PAYLOAD, "kg") * lever
+    for along, weight in ((j, down[k]), (k, -down[j])):
+        name = NAMES[along]
+        where: Cause = Named(f"load_{name}_mm", "mm")
+        if abs(weight) <= 1e-9:
+            continue
+        if weight != 1:
+            where = weight * where
+        levers.append(where)
+    lever, *others = levers
+    for other in others:
+        lever = lever + other
+    payload = Named(PAYLOAD, "kg")
+    return payload * lever
 
 
 def payload_tilt(robot: Robot) -> Mechanism | None:

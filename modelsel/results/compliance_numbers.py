@@ -71,11 +71,12 @@ def measure_joint_turn(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]
 def measure_base_tilt(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
     """Measure the tilt of the base, its millimetres and its stiffness."""
     workspace = fitted.workspace
-    turns = np.stack([workspace.twist(term, 1, TURNS) for term in mechanism.terms])
-    load = np.linalg.norm(turns.sum(0), axis=0)
+    size = _weigh_turn(mechanism, 1, workspace)
     words = "tilt of the base at full stretch"
-    is_known = declares_masses(workspace.problem.robot)
-    yield from _measure_yield(words, fitted, _Load(1, load, is_known, True))
+    robot = workspace.problem.robot
+    is_known = declares_masses(robot)
+    load = _Load(1, size, is_known, True)
+    yield from _measure_yield(words, fitted, load)
 
 
 def measure_payload_bending(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
@@ -152,11 +153,23 @@ def _weigh_end(mechanism: Mechanism, frame: int, workspace: Workspace) -> Array:
     """Weigh the moment (m,) that a link's end turns with, of a beam with the force's part; of masses that
     are not known, that of the declared ones, or of 1 kg everywhere."""
     if has_known_masses(mechanism):
-        turns = np.stack([workspace.twist(term, frame, TURNS) for term in mechanism.terms])
-        return np.asarray(np.linalg.norm(turns.sum(0), axis=0))
-    moments = name_moments(workspace.problem.robot, frame)
-    values = np.stack([workspace.problem.cause(moment) for moment in moments.values()])
-    return np.asarray(np.linalg.norm(values, axis=0))
+        return _weigh_turn(mechanism, frame, workspace)
+    problem = workspace.problem
+    moments = name_moments(problem.robot, frame)
+    square = np.zeros(len(problem))
+    for moment in moments.values():
+        values = problem.cause(moment)
+        square += np.square(values)
+    return np.sqrt(square)
+
+
+def _weigh_turn(mechanism: Mechanism, frame: int, workspace: Workspace) -> Array:
+    """Weigh the moment (m,) that a frame turns with, where every number has the same unit."""
+    turn = np.zeros((3, len(workspace.problem)))
+    for term in mechanism.terms:
+        turn += workspace.twist(term, frame, TURNS)
+    size: Array = np.linalg.norm(turn, axis=0)
+    return size
 
 
 def _describe_motion(mechanism: Mechanism, frame: int, robot: Robot) -> str:

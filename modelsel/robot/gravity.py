@@ -185,8 +185,10 @@ def keeps_slide_upright(robot: Robot, joint: int) -> bool:
         return False
     _, at = _draw_sample(robot)
     direction = np.array(robot.gravity)
-    along = at.axes[joint - 1, 2].T @ direction
-    return bool(np.abs(along).min() > 1 - STILL)
+    axis = at.axes[joint - 1, 2]
+    along = np.abs(axis.T @ direction)
+    least = along.min()
+    return bool(least > 1 - STILL)
 
 
 def find_bearing_joints(robot: Robot) -> tuple[int, ...]:
