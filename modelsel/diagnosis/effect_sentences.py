@@ -52,7 +52,7 @@ def list_cautions(effect: Effect) -> list[str]:
     joint = effect.mixed_joint
     if joint is not None:
         cautions.append(
-            f"the gravity torque about joint {joint} is a wave once a turn, too: what joint {joint} turns "
+            f"the gravity torque about joint {joint} goes once a turn, too: what joint {joint} turns "
             "unevenly and what it winds up under its weight are told as one"
         )
     if effect.lasting:

@@ -16,8 +16,8 @@ from ..robot.gravity import G
 
 # what goes once a turn of a joint, and what goes with its torque
 WAVE, SPRING = "gear-eccentricity", "joint-compliance"
-# share of a torque's changes that no wave once a turn has, up to which it is one
-MAX_LEFT = 0.05
+# share of a torque's changes that no wave once a turn has, up to which it is one: masses are rarely known better
+MAX_LEFT = 0.15
 # N m: a torque that changes less does not wind a joint up
 LEAST_TORQUE = 1e-6 * G
 

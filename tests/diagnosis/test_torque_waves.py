@@ -32,7 +32,9 @@ LINKS = [
     ([0, 0, 0], [0, 1, 0], 5.0, 250.0),
     ([500, 0, 0], [1, 0, 0], 2.0, 60.0),
 ]
-TOLD = "the gravity torque about joint 2 is a wave once a turn, too: what joint 2 turns unevenly and what"
+TOLD = (
+    "the gravity torque about joint 2 goes once a turn, too: what joint 2 turns unevenly and what"
+)
 
 
 @pytest.fixture
@@ -82,7 +84,7 @@ def test_both_names_of_it_are_told(arm: Robot, rng: np.random.Generator) -> None
     assert find_mixed_joint(at, spring[UNKNOWN]) is None
     assert find_mixed_joint(at, mechanism("encoder-eccentricity:2", arm)) is None
     assert find_mixed_joint(at, mechanism("gear-eccentricity:1", arm)) is None
-    joints = [*arm.joints[:2], replace(arm.joints[2], com=(0.0, 200.0, 60.0))]
+    joints = [*arm.joints[:2], replace(arm.joints[2], com=(0.0, 500.0, 60.0))]
     aside = replace(at, robot=replace(arm, joints=tuple(joints)))
     assert find_mixed_joint(aside, mechanism("gear-eccentricity:2", aside.robot)) is None
     two = load_robot("irb120")
