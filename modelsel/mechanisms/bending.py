@@ -48,19 +48,16 @@ def find_bending_links(robot: Robot) -> tuple[int, ...]:
 
 
 def list_bendings(robot: Robot, link: int) -> tuple[int, ...]:
-    """List what may bend of a link, and what is known of the masses beyond it: known ones, then unknown
-    ones, with the payload where they are declared."""
+    """List what may bend of a link, and what is known of the masses beyond it: known ones, with the
+    payload where they are declared, and of the end alone unknown ones. A beam with a number for each
+    mass would take the shape of many other errors."""
     joint = link + 1
     ends = mass_choices(robot, joint)
     if not can_bend(robot, link):
         return ends
-    tubes = []
-    beams = []
-    for masses in ends:
-        tubes.append(TUBE + masses)
-        if masses != UNKNOWN:
-            beams.append(BEAM + masses)
-    return (*ends, *tubes, *beams)
+    known = [masses for masses in ends if masses != UNKNOWN]
+    bent = [form + masses for form in (TUBE, BEAM) for masses in known]
+    return (*ends, *bent)
 
 
 def link_bending(robot: Robot, link: int, bending: int) -> Mechanism:
@@ -70,16 +67,17 @@ def link_bending(robot: Robot, link: int, bending: int) -> Mechanism:
     f = link + 1
     form, masses = divmod(bending, TUBE)
     of_payload = masses == WITH_PAYLOAD
-    held = robot.n + 1 if of_payload else None
-    symbols = (f"b{link}", f"w{link}")
     terms = []
-    for symbol, bend in zip(symbols, FORMS[form], strict=False):
-        if masses == UNKNOWN:
-            terms += _bend_by_each(robot, link, bend)
-            continue
-        of_held = {} if held is None else bend(robot, link, held)
-        screws = build_screws(f, bend(robot, link), of_held, PAYLOAD)
-        terms.append(Term(symbol, screws, COMPLIANCE, 1))
+    for symbol, bend in zip("bw", FORMS[form], strict=False):
+        held = {}
+        if of_payload:
+            held = bend(robot, link, robot.n + 1)
+        own = bend(robot, link)
+        screws = build_screws(f, own, held, PAYLOAD)
+        term = Term(f"{symbol}{link}", screws, COMPLIANCE, 1)
+        terms.append(term)
+    if masses == UNKNOWN:
+        terms = _turn_by_each(robot, link)
     payload = " and of the payload, with the masses as declared" if of_payload else ""
     weight = f"weight beyond it{payload}"
     return Mechanism(
@@ -92,13 +90,13 @@ def link_bending(robot: Robot, link: int, bending: int) -> Mechanism:
     )
 
 
-def _bend_by_each(robot: Robot, link: int, bend: Bend) -> list[Term]:
-    """List the terms of a link's end that moves with masses that are not known, one a frame."""
+def _turn_by_each(robot: Robot, link: int) -> list[Term]:
+    """List the terms of a link's end that turns with masses that are not known, one a frame."""
     f = link + 1
     terms = []
     for k in later_frames(robot, f):
-        bent = bend(robot, link, k)
-        screws = build_screws(f, bent)
+        turned = turn_end(robot, link, k)
+        screws = build_screws(f, turned)
         term = Term(f"b{link}m{k}", screws, HEAVY, 1)
         terms.append(term)
     return terms
@@ -130,11 +128,12 @@ def payload_bending(robot: Robot, link: int, load: int) -> Mechanism:
         return _bend_flange(robot, load)
     f = link + 1
     form = load // TUBE
-    symbols = (f"b{link}p", f"w{link}p")
     terms = []
-    for symbol, bend in zip(symbols, FORMS[form], strict=False):
-        screws = build_screws(f, {}, bend(robot, link, robot.n + 1), PAYLOAD)
-        terms.append(Term(symbol, screws, COMPLIANCE, 1))
+    for symbol, bend in zip("bw", FORMS[form], strict=False):
+        held = bend(robot, link, robot.n + 1)
+        screws = build_screws(f, {}, held, PAYLOAD)
+        term = Term(f"{symbol}{link}p", screws, COMPLIANCE, 1)
+        terms.append(term)
     return Mechanism(
         f"payload-bending:{link}",
         tuple(terms),
