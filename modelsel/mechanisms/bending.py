@@ -56,7 +56,7 @@ def list_bendings(robot: Robot, link: int) -> tuple[int, ...]:
     if not can_bend(robot, link):
         return ends
     known = [masses for masses in ends if masses != UNKNOWN]
-    bent = [form + masses for form in (TUBE, BEAM) for masses in known]
+    bent = [form + masses for form in _list_beams(robot, link) for masses in known]
     return (*ends, *bent)
 
 
@@ -117,8 +117,16 @@ def list_loads(robot: Robot, link: int) -> tuple[int, ...]:
     if link == robot.n:
         return AT_TARGET, ANYWHERE, EACH_AXIS
     if can_bend(robot, link):
-        return AT_TARGET, TUBE, BEAM
+        return AT_TARGET, *_list_beams(robot, link)
     return (AT_TARGET,)
+
+
+def _list_beams(robot: Robot, link: int) -> tuple[int, ...]:
+    """List how a link may bend all along: with a twist of its own where weight may twist it, which an
+    upright link that holds a slide never is."""
+    if twist_beam(robot, link):
+        return TUBE, BEAM
+    return (TUBE,)
 
 
 def payload_bending(robot: Robot, link: int, load: int) -> Mechanism:

@@ -4,6 +4,7 @@ positions, by the curvature of a beam summed up along its length, under masses t
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -209,6 +210,31 @@ def test_short_links_turn_at_their_end_alone() -> None:
     assert list_loads(short, 2) == (AT_TARGET,)
     assert list_bendings(arm, 2) == (DECLARED, UNKNOWN, TUBE, BEAM)
     assert list_loads(arm, 2) == (AT_TARGET, TUBE, BEAM)
+
+
+@pytest.mark.parametrize(("ahead", "upright"), [(0, True), (300, True), (300, False)])
+def test_a_link_that_holds_a_slide_bends_where_the_slide_is_upright(
+    tmp_path: Path, ahead: int, upright: bool
+) -> None:
+    """With a twist of its own where it is not upright itself."""
+    lines = ['name = "column"', 'source = "drawing"', "gravity = [0, 0, -1]"]
+    lines += ["[[joint]]", "xyz_mm = [0, 0, 200]", f"axis = {[0, 0, 1]}", "mass_kg = 20"]
+    axis = [0, 0, 1] if upright else [1, 0, 0]
+    lines += ["[[joint]]", f"xyz_mm = [{ahead}, 0, 500]", f"axis = {axis}", 'kind = "prismatic"']
+    lines += ["limits_mm = [0, 400]", "mass_kg = 10", "com_mm = [150, 0, 0]"]
+    lines += ["[[joint]]", "xyz_mm = [300, 0, 0]", "axis = [0, 1, 0]", "mass_kg = 2"]
+    lines += ["com_mm = [50, 0, 0]"]
+    file = tmp_path / "robot.toml"
+    file.write_text("\n".join([*lines, "[last]", "xyz_mm = [80, 0, 0]"]), encoding="utf-8")
+    arm = load_robot(file)
+    forms = set(list_bendings(arm, 1)) - {DECLARED, UNKNOWN, WITH_PAYLOAD}
+    tubes, beams = {TUBE, TUBE + WITH_PAYLOAD}, {BEAM, BEAM + WITH_PAYLOAD}
+    allowed = (tubes | beams if ahead else tubes) if upright else set[int]()
+    assert forms == allowed
+    assert len(list_loads(arm, 1)) == 1 + upright * (1 + bool(ahead))
+    for name in ("link-bending:1", "payload-bending:1"):
+        for one in build_mechanisms(name, arm):
+            assert all(term.screws for term in one.terms)
 
 
 def test_springs_of_a_link_are_one_model_in_three_names_form_by_form() -> None:
