@@ -14,6 +14,7 @@ from searches import find_cause, search_separated
 
 from modelsel._typing import Array
 from modelsel.diagnosis.candidates import build_candidates
+from modelsel.diagnosis.outcome import Diagnosis
 from modelsel.fitting.design import Model
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import build_mechanisms, every, mechanism
@@ -45,24 +46,42 @@ def circle(angle: Array, amplitude: float, phase: float) -> Array:
     return amplitude * np.stack(line, axis=1)
 
 
-@pytest.mark.slow
-@seeds(1, 2)
-@pytest.mark.parametrize("way", [1, -1])
-def test_a_tilt_that_goes_round_is_told(way: int, rng: np.random.Generator) -> None:
-    """Of an upright axis, too, where it resembles a wave of joint 1's angle at joint 2."""
+def diagnose(joint: int, way: int, rng: np.random.Generator) -> tuple[Diagnosis, float]:
+    """Diagnose an arm of which one axis wobbles twice a turn, by an amplitude."""
     arm = load_robot(("puma760", "irb120")[int(rng.integers(2))])
-    joint = int(rng.integers(1, 3))
     q = arm.draw(rng, ROWS)
-    amplitude = float(rng.uniform(2e-4, 4e-4))
+    amplitude = float(rng.uniform(4e-4, 6e-4))
     tilts = circle(2 * way * q[:, joint - 1], amplitude, float(rng.uniform(0, 6)))
     seen = tilt(arm, joint, q, tilts) + rng.normal(0, NOISE_MM, (ROWS, 3))
     at = bind(arm, build_measurements(q, seen))
     base = Model((mechanism("geometric", arm),))
-    diagnosis = search_separated(at, base, build_candidates(at, base, every(arm)))
-    effect = find_cause(diagnosis, f"axis-wobble:{joint}")
+    return search_separated(at, base, build_candidates(at, base, every(arm))), amplitude
+
+
+@pytest.mark.slow
+@seeds(1, 2)
+def test_a_tilt_that_goes_round_against_the_joint_is_told(rng: np.random.Generator) -> None:
+    diagnosis, amplitude = diagnose(2, -1, rng)
+    effect = find_cause(diagnosis, "axis-wobble:2")
     assert len(effect.estimate) == 2
     found = float(np.hypot(*effect.estimate))
     assert found == pytest.approx(amplitude, abs=5 * effect.standard_error.max())
+
+
+@pytest.mark.slow
+@seeds(1, 2)
+def test_one_that_goes_with_the_joint_is_told_with_what_moves_the_target_alike(
+    rng: np.random.Generator,
+) -> None:
+    """A wave once a turn at the next frame does nearly the same: it had been told in the place of it."""
+    joint = int(rng.integers(1, 3))
+    diagnosis, amplitude = diagnose(joint, 1, rng)
+    (effect,) = diagnosis.effects
+    assert effect.candidate.label == f"axis-wobble:{joint}"
+    assert len(effect.estimate) == 2
+    found = float(np.hypot(*effect.estimate))
+    assert found == pytest.approx(amplitude, abs=5 * effect.standard_error.max())
+    assert all(entry.alike for entry in effect.named.entries)
 
 
 @seeds(1)
