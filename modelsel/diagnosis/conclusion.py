@@ -31,6 +31,7 @@ from .steps_apart import tell_steps_apart
 from .stepwise import Exploration, Remainder, explore_further
 from .sure_drivers import find_sure
 from .torque_functions import find_bend
+from .torque_waves import find_mixed_joint
 from .views import View
 from .weighed_models import VisitedModels
 
@@ -351,6 +352,7 @@ def _build_effects(concluded: Conclusion, fitted: Fit) -> tuple[Effect, ...]:
             standard_error=fitted.standard_errors[terms],
             cancels=cancelled.get(g),
             after_selection=_allow_for_search(search, g, view),
+            mixed_joint=find_mixed_joint(search.problem, candidate.mechanism),
         )
         effects.append(effect)
     return tuple(effects)

@@ -49,6 +49,12 @@ def list_cautions(effect: Effect) -> list[str]:
         )
     if effect.claim is not None and effect.claim.waves:
         cautions.append(describe_aliases(effect.claim.waves))
+    joint = effect.mixed_joint
+    if joint is not None:
+        cautions.append(
+            f"the gravity torque about joint {joint} goes once a turn, too: what joint {joint} turns "
+            "unevenly and what it winds up under its weight are told as one"
+        )
     if effect.lasting:
         cautions.append(f"errors that last may do the same (probability {effect.lasting:.2f})")
     if effect.cancels is not None:

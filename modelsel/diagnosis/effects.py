@@ -68,7 +68,8 @@ class Effect:
     model; `cancels`: (label of another effect that undoes most of it at the target, the share that
     is left of both); `claim`: how deep it is proven; `after_selection`: what its size is to be
     multiplied by, allowing for the search; `number`: which it is of several effects of one name;
-    `lasting`: how probable errors that last are in its place, where that is worth telling."""
+    `lasting`: how probable errors that last are in its place, where that is worth telling; `mixed_joint`:
+    the joint whose wave once a turn and wind-up under its weight are told by it as one."""
 
     candidate: Candidate
     named: CredibleSet
@@ -80,6 +81,7 @@ class Effect:
     after_selection: AfterSelection | None = None
     number: int | None = None
     lasting: float = 0.0
+    mixed_joint: int | None = None
 
     @property
     def label(self) -> str:

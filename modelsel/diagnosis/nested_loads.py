@@ -1,8 +1,9 @@
-"""Springs of one joint of which two say together what any other two of them say.
+"""Springs of one joint, of one link or of the base of which two say together what any other two of them
+say.
 
-A drive yields to the arm's weight, to the payload, or to both by one stiffness. Beside the payload, the
-torque of both says what the arm's own says: the same model, in other numbers. Then the two are told
-apart, each with its own stiffness."""
+A drive, a link or the base yields to the arm's weight, to the payload, or to both by one stiffness. Beside
+the payload, the torque of both says what the arm's own says: the same model, in other numbers. Then the
+two are told apart, each with its own stiffness."""
 
 from __future__ import annotations
 
@@ -13,18 +14,24 @@ from typing import NamedTuple
 import numpy as np
 
 from .._typing import Index
-from ..measurements.state_names import StateKind, state_kind
-from ..mechanisms.compliance import needs_both_loads
+from ..mechanisms.compliance import has_known_masses, needs_both_loads
+from ..mechanisms.terms import Mechanism
 from .candidates import Candidate
 
-COMPLIANCE, DEFLECTION = "joint-compliance", "payload-deflection"
+# what yields to the arm's own weight, and what the same is called under the payload
+OF_PAYLOAD = {
+    "payload-deflection": "joint-compliance",
+    "payload-bending": "link-bending",
+    "payload-tilt": "base-tilt",
+}
+DRIVE = "joint-compliance"
 # by which shoulder and elbow yield to the arm's weight, too
 TWISTS = ("joint2-twist", "joint3-twist", "gravity-twist")
 
 
 class _Springs(NamedTuple):
-    """The candidates that are springs of one joint: of the arm's declared weight, of the payload, and of
-    both; `twists`: what else has the joint yield to the arm's weight."""
+    """The candidates that are springs of one thing: of the arm's declared weight, of the payload, and of
+    both; `twists`: what else has a joint yield to the arm's weight."""
 
     own: int
     payload: int
@@ -37,16 +44,26 @@ class _Springs(NamedTuple):
         return {self.own, self.payload, self.whole}
 
 
+class _Yielding(NamedTuple):
+    """What yields: the name of its spring under the arm's own weight, its joint or link, how many numbers
+    it has, and where it moves the arm."""
+
+    stem: str
+    number: int | None
+    numbers: int
+    places: frozenset[tuple[int, str]]
+
+
 @dataclass(frozen=True, eq=False)
 class NestedLoads:
-    """The springs of every joint that may yield to its own weight and to the payload by one stiffness."""
+    """The springs of all that may yield to its own weight and to the payload by one stiffness."""
 
-    joints: Sequence[_Springs]
+    each: Sequence[_Springs]
 
     def list_other_names(self, g: int, others: Collection[int]) -> Index:
         """List the candidates that say beside `others` what candidate g says."""
         names: set[int] = set()
-        for springs in self.joints:
+        for springs in self.each:
             numbers = springs.numbers
             beside = numbers.intersection(others) - {g}
             if g in numbers and beside:
@@ -56,10 +73,10 @@ class NestedLoads:
         return np.array(sorted(names), dtype=np.intp)
 
     def tell_apart(self, members: Sequence[int]) -> tuple[int, ...]:
-        """Tell two springs of one joint among some candidates by the arm's weight and by the payload, and
+        """Tell two springs of one thing among some candidates by the arm's weight and by the payload, and
         of one beside a twist by the arm's weight what it says of the payload."""
         told = set(members)
-        for springs in self.joints:
+        for springs in self.each:
             numbers = springs.numbers
             if len(numbers & told) > 1:
                 told -= numbers
@@ -71,36 +88,49 @@ class NestedLoads:
 
 
 def find_nested_loads(candidates: Sequence[Candidate]) -> NestedLoads:
-    """Find the springs of the joints of which all three kinds are candidates."""
-    joints: dict[int, dict[str, int]] = {}
+    """Find the springs of the joints, the links and the base of which all three kinds are candidates."""
+    found: dict[_Yielding, dict[str, int]] = {}
     twists: dict[int, set[int]] = {}
     for g, candidate in enumerate(candidates):
-        joint = candidate.mechanism.joint
-        kind = _find_kind(candidate)
-        if joint is not None and kind:
-            springs = joints.setdefault(joint, {})
+        if not candidate.registered:
+            continue
+        mechanism = candidate.mechanism
+        kind = _find_kind(mechanism)
+        if kind:
+            springs = found.setdefault(_find_yielding(mechanism), {})
             springs[kind] = g
-        if candidate.registered and candidate.mechanism.stem in TWISTS:
-            for moved, _ in candidate.mechanism.names_by_place():
+        if mechanism.stem in TWISTS:
+            for moved, _ in mechanism.names_by_place():
                 twists.setdefault(moved, set()).add(g)
     complete = []
-    for joint, springs in joints.items():
-        if len(springs) == 3:
-            others = frozenset(twists.get(joint, ()))
-            complete.append(_Springs(**springs, twists=others))
+    for what, springs in found.items():
+        if len(springs) != 3:
+            continue
+        others: Collection[int] = ()
+        if what.stem == DRIVE:
+            joint = what.number or 0
+            others = twists.get(joint, ())
+        every = _Springs(**springs, twists=frozenset(others))
+        complete.append(every)
     return NestedLoads(complete)
 
 
-def _find_kind(candidate: Candidate) -> str:
-    """Find which spring a candidate is; "" of anything else."""
-    mechanism = candidate.mechanism
-    if not candidate.registered:
-        return ""
-    if mechanism.stem == DEFLECTION:
+def _find_yielding(mechanism: Mechanism) -> _Yielding:
+    """Find what yields by a spring."""
+    name = mechanism.stem
+    stem = OF_PAYLOAD.get(name, name)
+    numbers = len(mechanism.terms)
+    places = mechanism.names_by_place()
+    moved = frozenset(places)
+    return _Yielding(stem, mechanism.joint, numbers, moved)
+
+
+def _find_kind(mechanism: Mechanism) -> str:
+    """Find which spring a mechanism is; "" of anything else."""
+    if mechanism.stem in OF_PAYLOAD:
         return "payload"
-    if mechanism.stem != COMPLIANCE:
+    if mechanism.stem not in OF_PAYLOAD.values():
         return ""
     if needs_both_loads(mechanism):
         return "whole"
-    kinds = {state_kind(name) for name in mechanism.names()}
-    return "own" if kinds == {StateKind.TORQUE} else ""
+    return "own" if has_known_masses(mechanism) else ""

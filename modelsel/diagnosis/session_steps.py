@@ -27,6 +27,7 @@ from ..mechanisms.target_names import number_targets
 from ..mechanisms.terms import Mechanism
 from ..robot.kinematics import Robot
 from .scanned_constants import drop_equal_constants, has_both_sides
+from .slide_steps import add_steps_along_slides
 
 Build = Callable[[Robot, float], Mechanism]
 STEPS: dict[str, Build] = {
@@ -78,7 +79,7 @@ def place_steps(
     if of_targets:
         placed = _limit_to_measured(problem.take(estimation), placed)
         placed = list(map(_tell_all_targets, placed))
-    return tuple(placed)
+    return add_steps_along_slides(problem, placed)
 
 
 def _list_steps(robot: Robot, estimation: Mask) -> dict[str, _Step]:

@@ -123,7 +123,7 @@ def _list_sides(drivers: frozenset[str]) -> frozenset[str]:
 @cache
 def _is_fixed(name: str) -> bool:
     """Return whether a state variable is of the set-up alone: nothing depends on what never changes."""
-    return state_kind(name) is StateKind.ON_FLANGE
+    return state_kind(name) in (StateKind.ON_FLANGE, StateKind.LOAD_ON_FLANGE)
 
 
 @cache

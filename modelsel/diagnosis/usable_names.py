@@ -9,7 +9,7 @@ from ..measurements.state_names import NEED_INSTRUMENT, state_kind
 from ..mechanisms.compliance import PAYLOAD, needs_both_loads
 from ..mechanisms.drives import SERVO_LAG
 from ..mechanisms.terms import Mechanism
-from .whole_torques import sees_both_loads
+from .whole_torques import sees_loads_of
 
 
 def list_lacking(problem: Problem, mechanisms: Iterable[Mechanism]) -> list[frozenset[str]]:
@@ -24,10 +24,8 @@ def list_lacking(problem: Problem, mechanisms: Iterable[Mechanism]) -> list[froz
         unknown = own - usable
         if one.stem == SERVO_LAG and not moves:
             unknown = own
-        elif not unknown and needs_both_loads(one):
-            joint = one.joint
-            if joint is None or not sees_both_loads(problem, joint):
-                unknown = frozenset({PAYLOAD})
+        elif not unknown and needs_both_loads(one) and not sees_loads_of(problem, one):
+            unknown = frozenset({PAYLOAD})
         lacking.append(unknown)
     return lacking
 

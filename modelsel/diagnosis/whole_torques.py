@@ -1,22 +1,27 @@
-"""A joint's whole gravity torque, of the arm's own weight and of the payload, and where measurements tell
-it from that of the payload alone.
+"""The whole load of a joint or a link, of the arm's own weight and of the payload, and where measurements
+tell it from that of the payload alone.
 
 The payload must differ from row to row. About a wrist's joint the arm's own weight is next to nothing:
 the payload's torque is the whole one there, and has a name already."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 
 import numpy as np
 
 from ..fitting.problem import Problem
-from ..mechanisms.causes import Cause, torque
+from ..mechanisms.beams import name_moments
+from ..mechanisms.causes import Cause, Named, torque
 from ..mechanisms.compliance import PAYLOAD, payload_torque, whole_torque
+from ..mechanisms.gravity_effects import list_base_loads
 from ..mechanisms.motors import is_coupled, motor_torque
+from ..mechanisms.terms import Mechanism
 from ..robot.gravity import declares_masses
 from ..robot.kinematics import Robot
 
+BENDING = "link-bending"
+HELD = Named(PAYLOAD, "kg")
 # share of the payload's torque, both by how much they change, from which the arm's own is seen
 LEAST_OWN = 0.1
 
@@ -25,18 +30,48 @@ def sees_both_loads(problem: Problem, joint: int) -> bool:
     """Return whether masses are declared, the payload changes on these rows, and a drive's own torque is
     seen beside that of the payload."""
     robot = problem.robot
-    known = problem.names()
-    if not declares_masses(robot) or PAYLOAD not in known:
+    own = motor_torque(robot, joint)
+    held = payload_torque(robot, joint)
+    loads = {own: held}
+    return _sees_own(problem, loads)
+
+
+def sees_loads_of(problem: Problem, mechanism: Mechanism) -> bool:
+    """Return the same of what a mechanism has yield: a drive, a link or the base."""
+    joint = mechanism.joint
+    if joint is None:
+        loads = list_base_loads(problem.robot)
+        return _sees_own(problem, loads)
+    if mechanism.stem != BENDING:
+        return sees_both_loads(problem, joint)
+    robot = problem.robot
+    frame = joint + 1
+    target = robot.n + 1
+    moments = name_moments(robot, frame)
+    of_one_kg = name_moments(robot, frame, target)
+    pairs = {}
+    for axis, own in moments.items():
+        pairs[own] = HELD * of_one_kg[axis]
+    return _sees_own(problem, pairs)
+
+
+def _sees_own(problem: Problem, loads: Mapping[Cause, Cause]) -> bool:
+    """Return whether the payload changes on these rows, and of loads of the arm's own masses, which are
+    declared, something is seen beside those of the payload."""
+    if not declares_masses(problem.robot) or PAYLOAD not in problem.names():
         return False
     payload = problem.value(PAYLOAD)
-    span = np.ptp(payload)
-    if not span:
+    if not np.ptp(payload):
         return False
-    own = problem.cause(motor_torque(robot, joint))
-    held = problem.cause(payload_torque(robot, joint))
-    spread = np.std(own)
-    least = LEAST_OWN * np.std(held)
-    return bool(spread >= least)
+    own_changes = 0.0
+    held_changes = 0.0
+    for own, held in loads.items():
+        weight = problem.cause(own)
+        own_changes += float(np.var(weight))
+        load = problem.cause(held)
+        held_changes += float(np.var(load))
+    least = LEAST_OWN**2 * held_changes
+    return bool(own_changes >= least)
 
 
 def list_torques(robot: Robot, joint: int) -> tuple[Cause, ...]:

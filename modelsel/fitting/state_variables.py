@@ -24,8 +24,9 @@ from ..measurements.state_names import (
     state_units,
 )
 from ..mechanisms.causes import Cause
-from ..robot.gravity import compute_base_moment, compute_joint_moments, compute_unit_moments
 from ..robot.kinematics import Pose, Robot, pose
+from . import weight_variables as weights
+from .weight_variables import Values, by_axis
 
 MAX_ROWS_KEPT = 20_000  # up to so many rows, causes are kept once evaluated
 # kinds that are measured, or counted
@@ -33,6 +34,7 @@ MEASURED = (
     StateKind.READING,
     StateKind.TARGET,
     StateKind.ON_FLANGE,
+    StateKind.LOAD_ON_FLANGE,
     StateKind.GROUP,
     StateKind.PROGRESS,
     StateKind.APPROACH,
@@ -189,19 +191,10 @@ def _inputs(data: Measurements) -> tuple[object, ...]:
 # -- evaluation of each kind
 # ------------------------------------------------------------------------------------------------------
 
-Values = dict[StateVariable, Array]
-
 
 def _by_joint(kind: StateKind, columns: Array) -> Values:
     """Name the columns (m, n) of a table, one a joint."""
     return {StateVariable(kind, joint): column for joint, column in enumerate(columns.T, 1)}
-
-
-def _by_axis(kind: StateKind, components: Array) -> Values:
-    """Name the components (3, m) of a vector."""
-    return {
-        StateVariable(kind, axis=axis): row for axis, row in zip("xyz", components, strict=True)
-    }
 
 
 def _readings(state: StateVariables) -> Values:
@@ -270,7 +263,7 @@ def _target(state: StateVariables) -> Values:
 
 def _on_flange(state: StateVariables) -> Values:
     offsets = state.tools[state.data.target]
-    return _by_axis(StateKind.ON_FLANGE, offsets.T)
+    return by_axis(StateKind.ON_FLANGE, offsets.T)
 
 
 def _group(state: StateVariables) -> Values:
@@ -302,9 +295,9 @@ def _positions(state: StateVariables) -> Values:
     }
     direction = line / np.maximum(length, TINY)[:, None]
     beam = np.einsum("mij,mi->jm", R[group], direction)
-    places = _by_axis(StateKind.POSITION, target)
+    places = by_axis(StateKind.POSITION, target)
     face = np.einsum("aim,im->am", pose.axes[-1, :3], beam)
-    seen = _by_axis(StateKind.BEAM, beam) | _by_axis(StateKind.FACE, face)
+    seen = by_axis(StateKind.BEAM, beam) | by_axis(StateKind.FACE, face)
     return places | distances | seen | _beam_angles(direction, R[group])
 
 
@@ -321,8 +314,8 @@ def _beam_angles(direction: Array, R: Array) -> Values:
         StateVariable(StateKind.AZIMUTH): azimuth,
         StateVariable(StateKind.ZENITH): np.arctan2(level, z),
     }
-    across = _by_axis(StateKind.ASIDE, np.einsum("mij,im->jm", R, aside))
-    return angles | across | _by_axis(StateKind.RISE, np.einsum("mij,im->jm", R, rise))
+    across = by_axis(StateKind.ASIDE, np.einsum("mij,im->jm", R, aside))
+    return angles | across | by_axis(StateKind.RISE, np.einsum("mij,im->jm", R, rise))
 
 
 def _measure_reach(robot: Robot, target: Array) -> Array:
@@ -333,42 +326,6 @@ def _measure_reach(robot: Robot, target: Array) -> Array:
     across = [line @ x, line @ y]
     reach = np.hypot(*across)
     return np.asarray(reach)
-
-
-def _down(state: StateVariables) -> Values:
-    last_axes = state.pose().axes[-1, :3]
-    return _by_axis(StateKind.DOWN, np.einsum("aim,i->am", last_axes, _gravity(state)))
-
-
-def _base_moment(state: StateVariables) -> Values:
-    moment = compute_base_moment(state.robot, state.loaded_pose(), state.data.q)
-    return _by_axis(StateKind.BASE_MOMENT, moment)
-
-
-def _link_moments(state: StateVariables) -> Values:
-    """Compute the torques about the joints' axes, and the moments across them."""
-    out: Values = {}
-    moments = compute_joint_moments(state.robot, state.loaded_pose(), state.data.q)
-    for joint, rows in enumerate(moments, 1):
-        out[StateVariable(StateKind.BENDING, joint, "x")] = rows[0]
-        out[StateVariable(StateKind.BENDING, joint, "y")] = rows[1]
-        out[StateVariable(StateKind.TORQUE, joint)] = rows[2]
-    return out
-
-
-def _unit_moments(state: StateVariables) -> Values:
-    """Compute torques and moments of 1 kg at the origin of one frame."""
-    out: Values = {}
-    for (joint, frame), rows in compute_unit_moments(state.robot, state.loaded_pose()).items():
-        out[StateVariable(StateKind.UNIT_BENDING, joint, "x", frame)] = rows[0]
-        out[StateVariable(StateKind.UNIT_BENDING, joint, "y", frame)] = rows[1]
-        out[StateVariable(StateKind.UNIT_TORQUE, joint, frame=frame)] = rows[2]
-    return out
-
-
-def _gravity(state: StateVariables) -> Array:
-    gravity = state.robot.gravity
-    return np.array(gravity)
 
 
 EVALUATORS: dict[StateKind, Callable[[StateVariables], Values]] = {
@@ -384,6 +341,8 @@ EVALUATORS: dict[StateKind, Callable[[StateVariables], Values]] = {
     StateKind.REACH: _positions,
     StateKind.TARGET: _target,
     StateKind.ON_FLANGE: _on_flange,
+    StateKind.LOAD_ON_FLANGE: weights.load_on_flange,
+    StateKind.LOAD_POSITION: weights.load_position,
     StateKind.GROUP: _group,
     StateKind.PROGRESS: _progress,
     StateKind.APPROACH: _approaches,
@@ -391,10 +350,11 @@ EVALUATORS: dict[StateKind, Callable[[StateVariables], Values]] = {
     StateKind.RATE: _rates,
     StateKind.SINCE_REST: _since_rest,
     StateKind.LATE: _late_temperatures,
-    StateKind.TORQUE: _link_moments,
-    StateKind.BASE_MOMENT: _base_moment,
-    StateKind.DOWN: _down,
-    StateKind.BENDING: _link_moments,
-    StateKind.UNIT_BENDING: _unit_moments,
-    StateKind.UNIT_TORQUE: _unit_moments,
+    StateKind.TORQUE: weights.link_moments,
+    StateKind.BASE_MOMENT: weights.moment_of_base,
+    StateKind.DOWN: weights.down,
+    StateKind.DOWN_AT_JOINT: weights.down_at_joints,
+    StateKind.BENDING: weights.link_moments,
+    StateKind.UNIT_BENDING: weights.unit_moments,
+    StateKind.UNIT_TORQUE: weights.unit_moments,
 }

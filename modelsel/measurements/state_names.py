@@ -44,6 +44,8 @@ class StateKind(Enum):
     FACE = "direction of the beam in the target's frame"
     REACH = "distance of the target from joint 1's axis"
     ON_FLANGE = "coordinate of the target in the flange"
+    LOAD_POSITION = "coordinate in frame 0 of where a payload hangs"
+    LOAD_ON_FLANGE = "coordinate in the flange of where a payload hangs"
     TARGET = "index of the target"
     GROUP = "index of the group"
     PROGRESS = "place in the campaign, 0 to 1"
@@ -56,6 +58,7 @@ class StateKind(Enum):
     TORQUE = "gravity torque about a joint's axis"
     BASE_MOMENT = "moment of the arm's weight about frame 0"
     DOWN = "direction of gravity in the target's frame"
+    DOWN_AT_JOINT = "direction of gravity in a joint's frame"
     BENDING = "moment of the links' weight across a joint's axis"
     UNIT_BENDING = "moment of 1 kg at a frame across a joint's axis"
     UNIT_TORQUE = "torque of 1 kg at a frame about a joint's axis"
@@ -193,6 +196,10 @@ FAMILIES = (
     StateFamily(
         StateKind.ON_FLANGE, "on_flange_{axis}_mm", "the target's place on the flange", "mm", "xyz"
     ),
+    StateFamily(StateKind.LOAD_POSITION, "load_{axis}_mm", "the payload's place", "mm", "xyz"),
+    StateFamily(
+        StateKind.LOAD_ON_FLANGE, "load_on_flange_{axis}_mm", "the payload's place", "mm", "xyz"
+    ),
     StateFamily(StateKind.TARGET, "target", "the target"),
     StateFamily(StateKind.GROUP, "group", "the group"),
     StateFamily(StateKind.PROGRESS, "progress", "the course of the campaign"),
@@ -228,6 +235,9 @@ FAMILIES = (
     ),
     StateFamily(
         StateKind.DOWN, "down_{axis}", "the direction of gravity at the target", "1", "xyz", True
+    ),
+    StateFamily(
+        StateKind.DOWN_AT_JOINT, "down{joint}_{axis}", "the pull at joint {joint}", "1", "xyz", True
     ),
     StateFamily(
         StateKind.BENDING,
@@ -273,9 +283,10 @@ NEED_INSTRUMENT = (
     StateKind.RISE,
     StateKind.FACE,
 )
-# kinds that say where the target is
+# kinds that say where the target is, with what hangs there
 WHERE_TARGET_IS = (
     StateKind.POSITION,
+    StateKind.LOAD_POSITION,
     StateKind.RANGE,
     StateKind.BEAM,
     StateKind.AZIMUTH,

@@ -1,30 +1,105 @@
-"""What turns under a payload and is no drive: the far ends of links, the flange and what is bolted
-to it.
+"""What yields under weight and is no drive: links, under what lies beyond them or under a payload, the
+flange and what is bolted to it.
 
 What hangs on the flange turns with it about the flange's own place, so that the target shifts by
 the turn's moment about that: its place on the flange is among the causes."""
 
 from __future__ import annotations
 
-from ..robot.gravity import G
+from collections.abc import Callable
+
+from ..robot.gravity import G, find_gravity_joints
 from ..robot.kinematics import Robot
+from .beams import bend_beam, bend_tube, build_screws, can_bend, turn_end, twist_beam
 from .causes import ONE, Cause, Combined, Named, Number
-from .compliance import COMPLIANCE, HEAVY, SOURCE, weight_moment
+from .compliance import COMPLIANCE, HEAVY, SOURCE, UNKNOWN, WITH_PAYLOAD, later_frames, mass_choices
 from .terms import Mechanism, Screw, Term
 
 PAYLOAD = Named("payload_kg", "kg")
 # N m of 1 kg a millimetre aside
 OF_ONE_KG = Number(G / 1e3, "N m/kg mm")
-# what is known of a payload on the flange and of what yields there: it hangs at the target, and all
-# axes yield alike; it hangs anywhere; and each axis has a stiffness of its own
+# what is known of a payload on the flange and of what yields there: it hangs at the target (at the mean of
+# several), and all axes yield alike; it hangs anywhere; and each axis has a stiffness of its own
 AT_TARGET, ANYWHERE, EACH_AXIS = 0, 1, 2
+# what bends: the end of a link, which turns; or, from these numbers on, the link all along, as a round tube
+# or with a stiffness of its own against twist
+TUBE, BEAM = 3, 6
+BENT_END, BENT_LINK = "flange or bolts at its end", "link that bends"
 BENDING_PARTS = ("adapter or tool changer that bends", "flange or its bolts", "bracket of the load")
+Bend = Callable[..., dict[str, Cause]]
+# what moves the end, one a number: of an end that turns, of a tube, and of a beam with its own twist
+FORMS: tuple[tuple[Bend, ...], ...] = ((turn_end,), (bend_tube,), (bend_beam, twist_beam))
 # causes along x, y and z: None for nothing
 Vector = tuple[Cause | None, ...]
-# the target's place in the flange, and which way gravity pulls there
+# the target's place in the flange, that of a payload, and which way gravity pulls there
 PLACE: Vector = tuple(Named(f"on_flange_{axis}_mm", "mm") for axis in "xyz")
+HANGS: Vector = tuple(Named(f"load_on_flange_{axis}_mm", "mm") for axis in "xyz")
 PULL: Vector = tuple(Named(f"down_{axis}") for axis in "xyz")
 MINUS = Number(-1.0)
+
+
+def find_bending_links(robot: Robot) -> tuple[int, ...]:
+    """Find the links (numbered by the joint that moves them) that carry a later joint, where
+    gravity is known."""
+    if not find_gravity_joints(robot):
+        return ()
+    links = range(1, robot.n)
+    return tuple(links)
+
+
+def list_bendings(robot: Robot, link: int) -> tuple[int, ...]:
+    """List what may bend of a link, and what is known of the masses beyond it: known ones, with the
+    payload where they are declared, and of the end alone unknown ones. A beam with a number for each
+    mass would take the shape of many other errors."""
+    joint = link + 1
+    ends = mass_choices(robot, joint)
+    if not can_bend(robot, link):
+        return ends
+    known = [masses for masses in ends if masses != UNKNOWN]
+    bent = [form + masses for form in _list_beams(robot, link) for masses in known]
+    return (*ends, *bent)
+
+
+def link_bending(robot: Robot, link: int, bending: int) -> Mechanism:
+    """A link's far end turns in proportion to the moment there, with one stiffness; or it turns and
+    shifts as the end of a beam does. Under the declared (or unit) masses, under unknown ones, a term
+    each, or under the declared ones and the payload (`bending`: one of `list_bendings`)."""
+    f = link + 1
+    form, masses = divmod(bending, TUBE)
+    of_payload = masses == WITH_PAYLOAD
+    terms = []
+    for symbol, bend in zip("bw", FORMS[form], strict=False):
+        held = {}
+        if of_payload:
+            held = bend(robot, link, robot.n + 1)
+        own = bend(robot, link)
+        screws = build_screws(f, own, held, PAYLOAD)
+        term = Term(f"{symbol}{link}", screws, COMPLIANCE, 1)
+        terms.append(term)
+    if masses == UNKNOWN:
+        terms = _turn_by_each(robot, link)
+    payload = " and of the payload, with the masses as declared" if of_payload else ""
+    weight = f"weight beyond it{payload}"
+    return Mechanism(
+        f"link-bending:{link}",
+        tuple(terms),
+        _describe(link, weight, form),
+        _equate(f, weight, form),
+        SOURCE,
+        usual_causes=_list_parts(link, form),
+    )
+
+
+def _turn_by_each(robot: Robot, link: int) -> list[Term]:
+    """List the terms of a link's end that turns with masses that are not known, one a frame."""
+    f = link + 1
+    terms = []
+    for k in later_frames(robot, f):
+        turned = turn_end(robot, link, k)
+        screws = build_screws(f, turned)
+        term = Term(f"b{link}m{k}", screws, HEAVY, 1)
+        terms.append(term)
+    return terms
 
 
 def find_loaded_links(robot: Robot) -> tuple[int, ...]:
@@ -37,31 +112,73 @@ def find_loaded_links(robot: Robot) -> tuple[int, ...]:
 
 
 def list_loads(robot: Robot, link: int) -> tuple[int, ...]:
-    """List what may be known of the payload and of the stiffness at a link's end."""
+    """List what may be known of the payload and of the stiffness at a link's end, and whether the link
+    bends all along."""
     if link == robot.n:
         return AT_TARGET, ANYWHERE, EACH_AXIS
+    if can_bend(robot, link):
+        return AT_TARGET, *_list_beams(robot, link)
     return (AT_TARGET,)
 
 
+def _list_beams(robot: Robot, link: int) -> tuple[int, ...]:
+    """List how a link may bend all along: with a twist of its own where weight may twist it, which an
+    upright link that holds a slide never is."""
+    if twist_beam(robot, link):
+        return TUBE, BEAM
+    return (TUBE,)
+
+
 def payload_bending(robot: Robot, link: int, load: int) -> Mechanism:
-    """A link's far end, or the flange, turns in proportion to the moment of the payload there."""
+    """A link bends, or its far end or the flange turns, in proportion to the moment of the payload
+    there."""
     if link == robot.n:
         return _bend_flange(robot, load)
     f = link + 1
-    # a slide has a force along z, and no moment about it
-    axes = "xy" if robot.joints[link].prismatic else "xyz"
-    screws = []
-    for axis in axes:
-        moment = weight_moment(f, axis, robot.n + 1)
-        screws.append(Screw(f, f"r{axis}", PAYLOAD * moment))
+    form = load // TUBE
+    terms = []
+    for symbol, bend in zip("bw", FORMS[form], strict=False):
+        held = bend(robot, link, robot.n + 1)
+        screws = build_screws(f, {}, held, PAYLOAD)
+        term = Term(f"{symbol}{link}p", screws, COMPLIANCE, 1)
+        terms.append(term)
     return Mechanism(
         f"payload-bending:{link}",
-        (Term(f"b{link}p", tuple(screws), COMPLIANCE, 1),),
-        f"The far end of link {link} turns in proportion to the moment of the payload.",
-        f"rotation of frame {f} = b · payload_kg · moment of 1 kg at the target",
+        tuple(terms),
+        _describe(link, "payload", form),
+        _equate(f, "payload at the target", form),
         SOURCE,
-        usual_causes=("link that bends", "flange or bolts at its end", f"bearing of joint {f}"),
+        usual_causes=_list_parts(link, form),
     )
+
+
+def _describe(link: int, weight: str, form: int) -> str:
+    """Describe what a link does under a weight, in a sentence."""
+    if form:
+        numbers = len(FORMS[form])
+        bends = "bends and twists" if numbers > 1 else "bends"
+        return (
+            f"Link {link} {bends} as a beam does, under the moment and the force of the {weight}."
+        )
+    return f"The far end of link {link} turns in proportion to the moment of the {weight}."
+
+
+def _equate(frame: int, weight: str, form: int) -> str:
+    """Write the equation of a link's end under a weight."""
+    if not form:
+        return f"rotation of frame {frame} = b · moment of the {weight}"
+    twist = "and w · moment along it" if len(FORMS[form]) > 1 else "1.3 times as much about itself"
+    return (
+        f"rotation of frame {frame} = b (M + L × F / 2), {twist}, its shift = b (M / 2 + L × F / 3) × L, "
+        f"with moment M there and force F of the {weight}, and the link's length L"
+    )
+
+
+def _list_parts(link: int, form: int) -> tuple[str, ...]:
+    """List the parts that usually yield."""
+    if form:
+        return (BENT_LINK,)
+    return BENT_LINK, BENT_END, f"bearing of joint {link + 1}"
 
 
 def _bend_flange(robot: Robot, load: int) -> Mechanism:
@@ -80,7 +197,7 @@ def _list_flange_terms(n: int, load: int) -> list[Term]:
     """List the terms of a flange that turns under a payload, for what is known of it."""
     flange = n + 1
     if load == AT_TARGET:
-        moment = _cross(PLACE, PULL)
+        moment = _cross(HANGS, PULL)
         screws = _turn_target(flange, moment, OF_ONE_KG)
         return [Term(f"b{n}p", screws, COMPLIANCE, 1)]
     terms = []

@@ -7,6 +7,7 @@ from ..measurements.state_names import StateKind, state_kind
 from ..robot.gravity import declares_masses, find_arm_pair, find_gravity_joints
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
+from .beams import weight_moment
 from .causes import Cause, Named, q, shifted, sign, sin
 from .motors import drive_angle, drive_screws, motor_torque, moved_joints, name_drive
 from .terms import Mechanism, Screw, Term
@@ -22,6 +23,10 @@ YIELD_BY_LOAD = (1e-4, 1.0)
 # what is known of the weight that a drive holds: the masses that are declared (or unit ones); none of
 # them, so that each is a term; those that are declared, and the payload besides
 DECLARED, UNKNOWN, WITH_PAYLOAD = 0, 1, 2
+# kinds of what the arm's own masses load
+OWN_WEIGHT = {StateKind.TORQUE, StateKind.BENDING, StateKind.BASE_MOMENT}
+# kinds of what 1 kg loads
+OF_ONE_KG = {StateKind.UNIT_TORQUE, StateKind.UNIT_BENDING}
 # the column of the payload's mass
 PAYLOAD = "payload_kg"
 # what is said of a torque of both
@@ -30,29 +35,6 @@ TOOL_PARTS = ("gripper or its fingers", "tool changer that yields", "loose targe
 SOURCE = "Klimchik, Furet, Caro & Pashkevich 2015, elastostatic calibration"
 # parts that usually make a joint wind up
 WINDING_PARTS = ("compliant gear or shaft", "belt", "soft servo")
-
-
-def find_bending_links(robot: Robot) -> tuple[int, ...]:
-    """Find the links (numbered by the joint that moves them) that carry a later joint, where
-    gravity is known."""
-    gravity_joints = find_gravity_joints(robot)
-    if not gravity_joints:
-        return ()
-    links = range(1, robot.n)
-    return tuple(links)
-
-
-def weight_moment(frame: int, axis: str, body: int | None = None) -> Named:
-    """Name the moment of the weight beyond joint `frame` about that frame's x, y or z axis [N m];
-    of 1 kg at the origin of a later frame alone (n+1: at the target) where `body` names it [N
-    m/kg]."""
-    name = f"moment{frame}_{axis}"
-    if axis == "z":
-        name = f"torque{frame}"
-    if body is None:
-        return Named(name, "N m")
-    name = f"{name}_{body}"
-    return Named(name, "N m/kg")
 
 
 def later_frames(robot: Robot, frame: int) -> range:
@@ -110,9 +92,15 @@ def needs_both_loads(mechanism: Mechanism) -> bool:
     names = mechanism.names()
     if PAYLOAD not in names:
         return False
-    kinds = [state_kind(name) for name in names]
-    own = StateKind.TORQUE
-    return own in kinds
+    kinds = {state_kind(name) for name in names}
+    return bool(kinds & OWN_WEIGHT)
+
+
+def has_known_masses(mechanism: Mechanism) -> bool:
+    """Return whether a mechanism depends on no mass that is a number of its own."""
+    names = mechanism.names()
+    kinds = {state_kind(name) for name in names}
+    return PAYLOAD in names or not kinds & OF_ONE_KG
 
 
 def mass_choices(robot: Robot, joint: int) -> tuple[int, ...]:
@@ -140,37 +128,6 @@ def lateral_compliance(robot: Robot, joint: int) -> Mechanism:
         SOURCE,
         usual_causes=("compliant bearing", "compliant housing or link before it"),
     )
-
-
-def link_bending(robot: Robot, link: int, masses: int) -> Mechanism:
-    """A link bends as a round tube does: its far end turns in proportion to the moment there, one
-    stiffness; the moment of the declared (or unit) masses, or of unknown ones, a term each
-    (`masses`)."""
-    f = link + 1
-
-    def bent(body: int | None) -> tuple[Screw, ...]:
-        return tuple(Screw(f, f"r{a}", weight_moment(f, a, body)) for a in "xyz")
-
-    terms = (
-        tuple(Term(f"b{link}m{k}", bent(k), HEAVY, 1) for k in later_frames(robot, f))
-        if masses
-        else (Term(f"b{link}", bent(None), COMPLIANCE, 1),)
-    )
-    return Mechanism(
-        f"link-bending:{link}",
-        terms,
-        f"The far end of link {link} turns in proportion to the moment of the weight beyond it.",
-        f"rotation of frame {f} = b · moment of the weight beyond it",
-        SOURCE,
-        usual_causes=("link that bends", "flange or bolts at its end", f"bearing of joint {f}"),
-    )
-
-
-def mass_choices_beyond(robot: Robot, link: int) -> tuple[int, ...]:
-    """List the choices of masses beyond a link's far end: known ones, then unknown ones."""
-    joint = link + 1
-    choices = mass_choices(robot, joint)
-    return choices[:2]
 
 
 def payload_deflection(robot: Robot, joint: int) -> Mechanism:

@@ -146,6 +146,8 @@ def encoder_scale(robot: Robot, joint: int) -> Mechanism:
     )
 
 
+# added to how often a turn an axis wobbles: in a circle, with the joint's turning or against it
+WITH, AGAINST = 10, 20
 # how often a turn an axis wobbles, and the parts that usually make it
 WOBBLES = {
     1: ("once", ("inclined bearing race", "bent shaft")),
@@ -154,21 +156,62 @@ WOBBLES = {
 }
 
 
-def axis_wobble(robot: Robot, joint: int, waves: int) -> Mechanism:
+def list_wobbles(robot: Robot, joint: int) -> tuple[int, ...]:
+    """List the ways in which an axis may wobble: how often a turn, in any shape, or in a circle with the
+    joint's turning or against it. Once with it, the axis only stands askew in what it turns."""
+    with_joint = []
+    against = []
+    for often in WOBBLES:
+        against.append(AGAINST + often)
+        if often > 1:
+            with_joint.append(WITH + often)
+    return (*WOBBLES, *with_joint, *against)
+
+
+def axis_wobble(robot: Robot, joint: int, wobble: int) -> Mechanism:
     """The joint's axis tilts as its bearing turns: once a turn (an inclined race), twice (an oval
-    one) or three times (one with three lobes)."""
-    terms = wave_terms(joint, waves, "rx", f"x{joint}") + wave_terms(
-        joint, waves, "ry", f"y{joint}"
-    )
+    one) or three times (one with three lobes); in any shape, with four numbers, or in a circle, with two.
+    `wobble`: one of `list_wobbles`."""
+    way, waves = divmod(wobble, WITH)
     often, parts = WOBBLES[waves]
+    shape = ""
+    nods = wave_terms(joint, waves, "rx", f"x{joint}")
+    terms: tuple[Term, ...] = nods + wave_terms(joint, waves, "ry", f"y{joint}")
+    equation = f"α{joint}, β{joint} ∝ sin({waves} q{joint}), cos({waves} q{joint})"
+    if way:
+        terms = _circle(joint, waves, way)
+        shape = " in a circle"
+        sign, other = ("-", "+") if way > 1 else ("", "-")
+        angle = _multiply(waves, q(joint))
+        equation = f"α{joint} + iβ{joint} = (u {other} iv) exp({sign}i {angle})"
     return Mechanism(
         f"axis-wobble:{joint}",
         terms,
-        f"The axis of joint {joint} wobbles, {often} a turn.",
-        f"α{joint}, β{joint} ∝ sin({waves} q{joint}), cos({waves} q{joint})",
+        f"The axis of joint {joint} wobbles{shape}, {often} a turn.",
+        equation,
         "ISO 230-7, axes of rotation: tilt",
         usual_causes=parts,
     )
+
+
+def _circle(joint: int, waves: int, way: int) -> tuple[Term, ...]:
+    """Build the terms of an axis whose tilt goes round, `way` 1 with the joint's turning and 2 against
+    it."""
+    angle = _multiply(waves, q(joint))
+    ahead = cos(angle)
+    aside = sin(angle)
+    yaws: Cause = aside
+    back = -1.0 * ahead
+    if way > 1:
+        yaws = -1.0 * aside
+        back = ahead
+    terms = []
+    for symbol, nod, yaw in (("u", ahead, yaws), ("v", aside, back)):
+        nods = Screw(joint, "rx", nod)
+        turns = Screw(joint, "ry", yaw)
+        term = Term(f"{symbol}{joint}", (nods, turns), RUNOUT)
+        terms.append(term)
+    return tuple(terms)
 
 
 # Couplings: a joint that turns because another one does.

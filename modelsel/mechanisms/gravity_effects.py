@@ -6,11 +6,11 @@ from __future__ import annotations
 import numpy as np
 
 from .._typing import Array
-from ..robot.gravity import ArmPair, declares_masses, find_arm_pair, loads_base
+from ..robot.gravity import ArmPair, G, declares_masses, find_arm_pair, loads_base
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
 from .causes import Cause, Named, Number, cos, q, shifted, sign
-from .compliance import OF_BOTH, WINDING_PARTS, whole_torque
+from .compliance import DECLARED, OF_BOTH, PAYLOAD, WINDING_PARTS, WITH_PAYLOAD, whole_torque
 from .motors import drive_angle, drive_screws, motor_torque, name_drive
 from .terms import Mechanism, Screw, Term
 
@@ -27,6 +27,8 @@ EDGES = tuple(5.0 * k for k in range(18))
 ROCKING_BASE = ("loose anchor bolts", "foot that does not stand", "base plate that is not flat")
 # parts that usually make a base tilt
 YIELDING_BASE = ("floor or pedestal", "anchor bolts", "bearing of joint 1")
+# N m of 1 kg a millimetre aside
+OF_ONE_KG = Number(G / 1e3, "N m/kg mm")
 UNITS = np.eye(3)
 NAMES = "xyz"
 
@@ -188,22 +190,45 @@ def base_moment(axis: int) -> Cause:
     return Named(f"moment_{name}", "N m")
 
 
-def base_tilt(robot: Robot) -> Mechanism | None:
-    """The foundation yields to the arm's moment about the two horizontal axes of frame 0."""
+def list_tilts(robot: Robot) -> tuple[int, ...]:
+    """List the loads that the base may tilt with: the arm's weight, and where masses are declared that
+    with the payload's; none where the weight does not tip it."""
     if not loads_base(robot):
-        return None
-    terms = []
+        return ()
+    if declares_masses(robot):
+        return DECLARED, WITH_PAYLOAD
+    return (DECLARED,)
+
+
+def list_base_loads(robot: Robot) -> dict[Cause, Cause]:
+    """List the moments [N m] of the arm's weight about the level axes of frame 0, each with that of the
+    payload, which hangs at the target."""
+    loads: dict[Cause, Cause] = {}
     for axis in list_level_axes(robot):
-        moment = base_moment(axis)
+        own = base_moment(axis)
+        held = _payload_moment(robot, axis)
+        loads[own] = OF_ONE_KG * held
+    return loads
+
+
+def base_tilt(robot: Robot, load: int) -> Mechanism:
+    """The foundation yields to the arm's moment about the two horizontal axes of frame 0, or to that with
+    the payload's (`load`: one of `list_tilts`)."""
+    terms = []
+    of_both = load == WITH_PAYLOAD
+    for axis, (own, held) in zip(
+        list_level_axes(robot), list_base_loads(robot).items(), strict=True
+    ):
+        moment = own + held if of_both else own
         screws = base_screws(robot, UNITS[axis], moment)
-        symbol = f"k{NAMES[axis]}"
-        term = Term(symbol, screws, (1e-8, 1e-4), 1)
+        term = Term(f"k{NAMES[axis]}", screws, (1e-8, 1e-4), 1)
         terms.append(term)
+    payload = " and of the payload, with the masses as declared" if of_both else ""
     return Mechanism(
         "base-tilt",
         tuple(terms),
-        "The base tilts in proportion to the moment of the arm's weight.",
-        "rotation of frame 0 = k · moment of the weight about it",
+        f"The base tilts in proportion to the moment of the arm's weight{payload}.",
+        f"rotation of frame 0 = k · moment of the weight{payload} about it",
         "Whitney, Lozinski & Rourke 1986",
         usual_causes=YIELDING_BASE,
     )
@@ -267,31 +292,39 @@ def _add_shares(share: float, one: Cause, other_share: float, other: Cause) -> C
     return own + rest
 
 
+def _payload_moment(robot: Robot, axis: int) -> Cause:
+    """Build the payload times its lever about a level axis 0, 1, 2 of frame 0 [kg mm]."""
+    down = robot.gravity or (0, 0, 0)
+    j = (axis + 1) % 3
+    k = (axis + 2) % 3
+    # lever x down
+    levers = list[Cause]()
+    for along, weight in ((j, down[k]), (k, -down[j])):
+        name = NAMES[along]
+        where: Cause = Named(f"load_{name}_mm", "mm")
+        if abs(weight) <= 1e-9:
+            continue
+        if weight != 1:
+            where = weight * where
+        levers.append(where)
+    lever, *others = levers
+    for other in others:
+        lever = lever + other
+    payload = Named(PAYLOAD, "kg")
+    return payload * lever
+
+
 def payload_tilt(robot: Robot) -> Mechanism | None:
     """The foundation yields to the payload's moment about the horizontal axes of frame 0: kilograms
     times lever of the target."""
     if robot.gravity is None:
         return None
-    down = robot.gravity
-    place = [Named(f"{name}_mm", "mm") for name in "xyz"]
-    payload = Named("payload_kg", "kg")
     size = (1e-10, 1e-6)
     terms = []
-    # lever x down
-    for axis, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
-        products = ((place[j], down[k]), (place[k], -down[j]))
-        levers = list[Cause]()
-        for where, weight in products:
-            if abs(weight) > 1e-9:
-                lever = where if weight == 1 else weight * where
-                levers.append(lever)
-        is_vertical = abs(down[axis]) >= 0.999
-        if is_vertical:
-            continue
-        moment = levers[0] if len(levers) == 1 else levers[0] + levers[1]
-        screws = base_screws(robot, UNITS[axis], payload * moment)
-        symbol = f"p{'xyz'[axis]}"
-        terms.append(Term(symbol, screws, size, 1))
+    for axis in list_level_axes(robot):
+        moment = _payload_moment(robot, axis)
+        screws = base_screws(robot, UNITS[axis], moment)
+        terms.append(Term(f"p{NAMES[axis]}", screws, size, 1))
     return Mechanism(
         "payload-tilt",
         tuple(terms),

@@ -17,9 +17,17 @@ from ..measurements.reference_temperature import REFERENCE
 from ..robot.files import as_robot
 from ..robot.gravity import find_bearing_joints
 from ..robot.kinematics import Robot
-from . import compliance, drives, environment, geometry, gravity_effects, instrument, motors
+from . import (
+    bending,
+    compliance,
+    drives,
+    environment,
+    geometry,
+    gravity_effects,
+    instrument,
+    motors,
+)
 from . import target_names as by_target
-from .bending import find_loaded_links, list_loads, payload_bending
 from .entry_joints import Joints, choose_entry_joints
 from .target_entries import PerTarget, build_of_target
 from .terms import Mechanism, unstorable
@@ -87,7 +95,7 @@ _BUILTIN: Registry = {
         gravity_effects.backlash, gravity_effects.list_sides, motors.find_gravity_motors
     ),
     "wrist-coupling": PerJoint(drives.wrist_coupling, drives.wrist_joints),
-    "base-tilt": gravity_effects.base_tilt,
+    "base-tilt": Scanned(gravity_effects.base_tilt, gravity_effects.list_tilts),
     "base-rocking": Scanned(gravity_effects.base_rocking, gravity_effects.list_edges),
     "gear-eccentricity": PerJoint(drives.gear_eccentricity, drives.revolute_joints),
     "encoder-eccentricity": PerJoint(drives.encoder_eccentricity, drives.revolute_joints),
@@ -95,18 +103,18 @@ _BUILTIN: Registry = {
     "gear-ripple": Scanned(
         drives.gear_ripple, drives.list_waves, drives.revolute_joints, more=drives.HIGH_WAVES
     ),
-    "axis-wobble": Scanned(
-        drives.axis_wobble, lambda robot, joint: (1, 2, 3), drives.revolute_joints
-    ),
+    "axis-wobble": Scanned(drives.axis_wobble, drives.list_wobbles, drives.revolute_joints),
     "joint-compliance": Scanned(
         compliance.joint_compliance, compliance.mass_choices, motors.find_payload_motors
     ),
     "lateral-compliance": PerJoint(compliance.lateral_compliance, find_bearing_joints),
     "link-bending": Scanned(
-        compliance.link_bending, compliance.mass_choices_beyond, compliance.find_bending_links
+        bending.link_bending, bending.list_bendings, bending.find_bending_links
     ),
     "payload-deflection": PerJoint(compliance.payload_deflection, motors.find_payload_motors),
-    "payload-bending": Scanned(payload_bending, list_loads, find_loaded_links),
+    "payload-bending": Scanned(
+        bending.payload_bending, bending.list_loads, bending.find_loaded_links
+    ),
     "payload-tilt": gravity_effects.payload_tilt,
     "counterbalance": compliance.counterbalance,
     "tool-droop": PerTarget(compliance.tool_droop),

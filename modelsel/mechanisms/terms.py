@@ -95,7 +95,7 @@ class Term:
         units = list(dict.fromkeys(screw.unit for screw in self.screws))
         alike = set()
         for unit in units:
-            without_angle = unit.replace("rad", "1")
+            without_angle = unit.replace("rad", "1").removeprefix("1 ")
             alike.add(SHARES.get(unit, without_angle))
         if len(alike) != 1:
             raise ValueError(

@@ -12,8 +12,9 @@ import numpy as np
 
 from .._typing import Array
 from ..diagnosis.whole_torques import find_load
+from ..mechanisms.beams import name_moments
 from ..mechanisms.causes import torque
-from ..mechanisms.compliance import needs_both_loads, payload_torque, whole_torque
+from ..mechanisms.compliance import has_known_masses, needs_both_loads, payload_torque, whole_torque
 from ..mechanisms.motors import motor_torque, name_drive
 from ..mechanisms.terms import Mechanism
 from ..robot.gravity import declares_masses
@@ -69,14 +70,13 @@ def measure_joint_turn(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]
 
 def measure_base_tilt(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
     """Measure the tilt of the base, its millimetres and its stiffness."""
-    moments = [fitted.workspace.problem.value(f"moment_{axis}") for axis in "xyz"]
-    down = np.array(fitted.workspace.problem.robot.gravity)
-    across = np.array(moments) - np.outer(down, down @ np.array(moments))
-    load = np.linalg.norm(across, axis=0)
+    workspace = fitted.workspace
+    size = _weigh_turn(mechanism, 1, workspace)
     words = "tilt of the base at full stretch"
-    yield from _measure_yield(
-        words, fitted, _Load(1, load, declares_masses(fitted.workspace.problem.robot), True)
-    )
+    robot = workspace.problem.robot
+    is_known = declares_masses(robot)
+    load = _Load(1, size, is_known, True)
+    yield from _measure_yield(words, fitted, load)
 
 
 def measure_payload_bending(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
@@ -139,22 +139,45 @@ def _find_load(mechanism: Mechanism, frame: int, workspace: Workspace) -> Array:
     motor = mechanism.joint or frame
     if mechanism.stem == "payload-deflection":
         return np.asarray(np.abs(problem.cause(payload_torque(robot, motor))))
+    if mechanism.stem == "link-bending":
+        return _weigh_end(mechanism, frame, workspace)
     if needs_both_loads(mechanism):
         return np.asarray(np.abs(problem.cause(whole_torque(robot, motor))))
-    if mechanism.stem not in ("lateral-compliance", "link-bending"):
+    if mechanism.stem != "lateral-compliance":
         return np.asarray(np.abs(problem.cause(motor_torque(robot, motor))))
-    about = problem.value(f"torque{frame}")
     across = [problem.value(f"moment{frame}_{axis}") for axis in "xy"]
-    if mechanism.stem == "lateral-compliance":
-        return np.hypot(*across)
-    return np.hypot(np.hypot(*across), about)
+    return np.hypot(*across)
+
+
+def _weigh_end(mechanism: Mechanism, frame: int, workspace: Workspace) -> Array:
+    """Weigh the moment (m,) that a link's end turns with, of a beam with the force's part; of masses that
+    are not known, that of the declared ones, or of 1 kg everywhere."""
+    if has_known_masses(mechanism):
+        return _weigh_turn(mechanism, frame, workspace)
+    problem = workspace.problem
+    moments = name_moments(problem.robot, frame)
+    square = np.zeros(len(problem))
+    for moment in moments.values():
+        values = problem.cause(moment)
+        square += np.square(values)
+    return np.sqrt(square)
+
+
+def _weigh_turn(mechanism: Mechanism, frame: int, workspace: Workspace) -> Array:
+    """Weigh the moment (m,) that a frame turns with, where every number has the same unit."""
+    turn = np.zeros((3, len(workspace.problem)))
+    for term in mechanism.terms:
+        turn += workspace.twist(term, frame, TURNS)
+    size: Array = np.linalg.norm(turn, axis=0)
+    return size
 
 
 def _describe_motion(mechanism: Mechanism, frame: int, robot: Robot) -> str:
     if mechanism.stem == "lateral-compliance":
         return f"tilt of joint {frame}'s axis"
     if mechanism.stem == "link-bending":
-        return f"turn of the end of link {frame - 1}"
+        both = " under the arm's weight and the payload" if needs_both_loads(mechanism) else ""
+        return f"turn of the end of link {frame - 1}{both}"
     drive = name_drive(robot, mechanism.joint or frame)
     if mechanism.stem == "payload-deflection":
         return f"wind-up of {drive} under the largest payload"

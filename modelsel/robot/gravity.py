@@ -179,6 +179,18 @@ def loads_base(robot: Robot) -> bool:
     return bool(largest > NEGLIGIBLE_LEVER * G)
 
 
+def keeps_slide_upright(robot: Robot, joint: int) -> bool:
+    """Whether a slide (1-based) is along gravity in every posture; not where gravity is not known."""
+    if robot.gravity is None:
+        return False
+    _, at = _draw_sample(robot)
+    direction = np.array(robot.gravity)
+    axis = at.axes[joint - 1, 2]
+    along = np.abs(axis.T @ direction)
+    least = along.min()
+    return bool(least > 1 - STILL)
+
+
 def find_bearing_joints(robot: Robot) -> tuple[int, ...]:
     """Find the revolute joints (1-based) whose bearings a weight loads across their axes: those that it
     turns, too; where it turns none, as in a SCARA arm, all those of which the moment across changes."""

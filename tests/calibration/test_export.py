@@ -317,6 +317,26 @@ def test_python_hangs_a_payload_where_all_targets_have_it(rng) -> None:
     assert export(c, "python").error_mm < 1e-9
 
 
+def test_python_bends_links_and_tilts_the_base_as_the_program_does(rng) -> None:
+    """Links that bend all along under weight and payload, a flange, and the base, beside several targets."""
+    robot = load_robot("ur5e")
+    q = np.repeat(robot.draw(rng, 40), 2, axis=0)
+    payload = np.repeat(rng.choice([0.0, 2.0, 5.0], 40), 2)
+    tools = rng.uniform(-150, 150, (2, 3)) + np.array([0.0, 0.0, 100.0])
+    data = build_measurements(
+        q, np.zeros((80, 3)), target=np.tile(["a", "b"], 40), covariates={"payload_kg": payload}
+    )
+    names = ("link-bending:2:5", "payload-bending:3:6", "payload-bending:6:0", "base-tilt:2")
+    built = [build_mechanisms(name, robot)[0] for name in names]
+    model = Model((*built, mechanism("payload-tilt", robot)))
+    theta = np.array([t.size[1] / 10 for t in model.terms])
+    at = planted(Problem(robot, data, tools), model.terms, theta, rng, 0.02)
+    every_row = np.ones(80, bool)
+    split = Split(at, every_row, ~every_row, np.zeros(80, np.intp), True)
+    c = calibrate("bends", split, fit(at, model), Floor(0.02, "stated"), None, False, {})
+    assert export(c, "python").error_mm < 1e-9
+
+
 def test_python_weighs_the_payload_with_the_arm(rng) -> None:
     """A spring and a play under one torque of both: the program, the stored calibration and a prediction
     take the payload of each row."""

@@ -175,8 +175,11 @@ def test_a_fall_is_offered_beside_what_moves_the_target_or_the_last_joint_with_g
 
 def test_loads_are_weighed_at_the_flange_alone() -> None:
     arm = load_robot("irb120")
-    assert [len(list_loads(arm, link)) for link in range(1, 7)] == [1, 1, 1, 1, 1, 3]
-    assert len(build_mechanisms("payload-bending", arm)) == 8
+    flange = (AT_TARGET, ANYWHERE, EACH_AXIS)
+    assert [list_loads(arm, link) == flange for link in range(1, 7)] == [False] * 5 + [True]
+    for link in range(1, 6):
+        (term, *_) = build_mechanisms(f"payload-bending:{link}:0", arm)[0].terms
+        assert {f"torque{link + 1}_7"} < set().union(*(one.cause.names() for one in term.screws))
     assert build_mechanisms("payload-bending", replace(arm, gravity=None)) == ()
 
 
@@ -239,3 +242,42 @@ def test_a_payload_pulls_alike_whichever_target_is_measured(rng: np.random.Gener
     effect = find_cause(diagnosis, f"payload-deflection:{joint}")
     assert effect.estimate[0] == pytest.approx(size, abs=5 * effect.standard_error[0])
     assert not [part.name for part in diagnosis.errors.parts if part.name.startswith("joint")]
+
+
+@seeds(1)
+def test_a_flange_turns_alike_whichever_target_is_measured(rng: np.random.Generator) -> None:
+    """By the moment of what hangs at the mean of all targets; each of them shifts by its own lever."""
+    arm = load_robot("irb120")
+    q = np.repeat(arm.draw(rng, 10), 3, axis=0)
+    payload = rng.uniform(1, 5, 30)
+    tools = TOOL + rng.uniform(-150, 150, (3, 3))
+    target = np.tile([0, 1, 2], 10)
+    data = build_measurements(
+        q, np.zeros((30, 3)), target=target, covariates={"payload_kg": payload}
+    )
+    at = bind(arm, data, tools)
+    flange = flanges_of(arm, q)[:, :3, :3]
+    pull = np.einsum("mji,mj->mi", flange, payload[:, None] * WEIGHT)
+    turn = np.cross(tools.mean(0) / 1e3, pull)
+    shift = np.cross(turn, tools[target])
+    (term,) = build_mechanisms("payload-bending:6", arm)[AT_TARGET].terms
+    found = {screw.axis: at.cause(screw.cause) for screw in term.screws}
+    for kind, wanted in (("r", turn), ("t", shift)):
+        for k, axis in enumerate("xyz"):
+            np.testing.assert_allclose(found[f"{kind}{axis}"], wanted[:, k], atol=1e-9)
+
+
+@seeds(1)
+def test_a_base_tilts_alike_whichever_target_is_measured(rng: np.random.Generator) -> None:
+    arm = load_robot("irb120")
+    q = np.repeat(arm.draw(rng, 10), 2, axis=0)
+    tools = TOOL + rng.uniform(-150, 150, (2, 3))
+    target, payload = np.tile([0, 1], 10), np.full(20, 3.0)
+    data = build_measurements(
+        q, np.zeros((20, 3)), target=target, covariates={"payload_kg": payload}
+    )
+    at = bind(arm, data, tools)
+    lever = place_of(flanges_of(arm, q), tools.mean(0))
+    moment = 3.0 * np.cross(lever, [0.0, 0.0, -1.0])
+    for k, term in enumerate(mechanism("payload-tilt", arm).terms):
+        np.testing.assert_allclose(at.cause(term.screws[0].cause), moment[:, k], atol=1e-9)

@@ -229,7 +229,7 @@ def test_a_bent_flange_has_its_turn_and_its_stiffness_where_the_payload_hangs_at
 
 
 def test_the_end_of_a_link_that_a_payload_bends_has_its_stiffness() -> None:
-    (end,) = build_mechanisms("payload-bending:3", ARM)
+    (end,) = build_mechanisms("payload-bending:3:0", ARM)
     turned, *_, stiffness = list_usable(end, fitted(end, 1e-5))
     assert turned.quantity.startswith("turn of the end of link 3 under the payload (")
     assert stiffness.value == pytest.approx(1e5)

@@ -159,6 +159,8 @@ def derive_state(data: Data, q: Array, tool: Array) -> dict[str, Array]:
     # what hangs at the targets hangs at their mean, whichever is measured
     middle = np.mean(list(data["tools"].values()), axis=0)
     loaded = x + R[n] @ (middle - tool)
+    out |= name_axes("load_{}_mm", loaded)
+    out |= name_axes("load_on_flange_{}_mm", np.broadcast_to(middle, (m, 3)))
     bodies = place_bodies(data, q, o, R, loaded)
     down = R[n].transpose(0, 2, 1) @ g
     out |= name_axes("down_{}", down)
@@ -177,6 +179,7 @@ def derive_state(data: Data, q: Array, tool: Array) -> dict[str, Array]:
                 here[:, 2] = mass * G * axis @ g
             return np.asarray(here)
 
+        out |= name_axes(f"down{j + 1}_{{}}", R[j].transpose(0, 2, 1) @ g)
         names = (f"moment{j + 1}_x", f"moment{j + 1}_y", f"torque{j + 1}")
         carried = sum((about(p, mass) for mass, p in bodies[j:]), np.zeros((m, 3)))
         out |= dict(zip(names, carried.T, strict=True))
