@@ -11,6 +11,7 @@ from .after_selection import AfterSelection
 from .candidates import Candidate
 from .credible_sets import CredibleSet
 from .signatures import LEVELS, PROVEN
+from .springs_apart import SpringsApart
 
 # what a step of a search that drops an effect begins with
 DROPPED = "- "
@@ -68,7 +69,8 @@ class Effect:
     model; `cancels`: (label of another effect that undoes most of it at the target, the share that
     is left of both); `claim`: how deep it is proven; `after_selection`: what its size is to be
     multiplied by, allowing for the search; `number`: which it is of several effects of one name;
-    `lasting`: how probable errors that last are in its place, where that is worth telling."""
+    `lasting`: how probable errors that last are in its place, where that is worth telling; `apart`: of a
+    spring under the arm's weight and the payload what it is under each."""
 
     candidate: Candidate
     named: CredibleSet
@@ -80,6 +82,7 @@ class Effect:
     after_selection: AfterSelection | None = None
     number: int | None = None
     lasting: float = 0.0
+    apart: SpringsApart | None = None
 
     @property
     def label(self) -> str:

@@ -26,6 +26,8 @@ DECLARED, UNKNOWN, WITH_PAYLOAD = 0, 1, 2
 PAYLOAD = "payload_kg"
 # what is said of a torque of both
 OF_BOTH = ", of the arm's weight and of the payload,"
+# what a spring under both adds
+AS_DECLARED = " with the masses as declared"
 TOOL_PARTS = ("gripper or its fingers", "tool changer that yields", "loose target nest")
 SOURCE = "Klimchik, Furet, Caro & Pashkevich 2015, elastostatic calibration"
 # parts that usually make a joint wind up
@@ -77,7 +79,7 @@ def joint_compliance(robot: Robot, joint: int, masses: int) -> Mechanism:
         cause = motor_torque(robot, joint)
         if masses == WITH_PAYLOAD:
             cause = whole_torque(robot, joint)
-            of_what = f"{OF_BOTH} with the masses as declared"
+            of_what = f"{OF_BOTH}{AS_DECLARED}"
             load = f"({load} + payload_kg · torque of 1 kg at the target)"
         terms = (Term(f"c{joint}", drive_screws(robot, joint, cause), COMPLIANCE, 1),)
     return Mechanism(

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .._typing import Array
+from ..diagnosis.springs_apart import SpringsApart
 from ..diagnosis.whole_torques import find_load
 from ..mechanisms.causes import torque
 from ..mechanisms.compliance import needs_both_loads, payload_torque, whole_torque
@@ -19,9 +20,12 @@ from ..mechanisms.terms import Mechanism
 from ..robot.gravity import declares_masses
 from ..robot.kinematics import Robot
 from .quantities import MILLI, Usable, express, format_figure
-from .workspace import Fitted, Workspace
+from .workspace import NORMAL_95, Fitted, Range, Workspace
 
 TURNS = slice(3, 6)
+STIFFNESS = "stiffness"
+IF_DECLARED = "stiffness with the arm's masses as declared"
+OF_PAYLOAD = "stiffness under the payload, whatever the arm's masses"
 NO_MASSES = " (no stiffness: the robot file gives no masses)"
 
 
@@ -44,7 +48,16 @@ def measure_wind_up(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
             f"{_describe_motion(mechanism, frame, fitted.workspace.problem.robot)} at full stretch"
         )
         ends = frame == max(frames)
-        yield from _measure_yield(words, part, _Load(frame, load, is_known, ends))
+        stiffness = IF_DECLARED if needs_both_loads(mechanism) else STIFFNESS
+        yield from _measure_yield(words, part, _Load(frame, load, is_known, ends, stiffness))
+
+
+def measure_springs_apart(apart: SpringsApart) -> Usable:
+    """Measure the stiffness that the payload alone tells of a spring under both loads."""
+    margin = NORMAL_95 * apart.error
+    least = max(apart.compliance - margin, 0.0)
+    compliance = Range(apart.compliance, least, apart.compliance + margin)
+    return express(OF_PAYLOAD, compliance.invert(1.0), "N m/rad")
 
 
 def measure_joint_turn(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
@@ -97,18 +110,19 @@ def measure_payload_bending(mechanism: Mechanism, fitted: Fitted) -> Iterator[Us
     yield express(under, angle.scale(MILLI), "mrad")
     yield express(f"{words}, at the target", fitted.moved_at(row), "mm", "at the target there")
     if torque and angle.value:
-        yield express("stiffness", angle.invert(torque), "N m/rad")
+        yield express(STIFFNESS, angle.invert(torque), "N m/rad")
 
 
 @dataclass(frozen=True, eq=False)
 class _Load:
-    """What a frame yields to: `size` (m,), whether it is known in N m, and whether no other frame of the
-    effect follows."""
+    """What a frame yields to: `size` (m,), whether it is known in N m, whether no other frame of the effect
+    follows, and what its `stiffness` is called."""
 
     frame: int
     size: Array
     is_known: bool
     ends: bool
+    stiffness: str = STIFFNESS
 
 
 def _measure_yield(words: str, part: Fitted, load: _Load) -> Iterator[Usable]:
@@ -128,7 +142,7 @@ def _measure_yield(words: str, part: Fitted, load: _Load) -> Iterator[Usable]:
     yield express(under, angle.scale(MILLI), "mrad")
     yield express(at_target, moved, "mm", there)
     if torque and angle.value:
-        yield express("stiffness", angle.invert(torque), "N m/rad")
+        yield express(load.stiffness, angle.invert(torque), "N m/rad")
 
 
 def _find_load(mechanism: Mechanism, frame: int, workspace: Workspace) -> Array:

@@ -61,6 +61,7 @@ from .inputs import list_candidates
 from .model_ladder import choose_constants, evaluate_effects, evaluate_ladder, remeasure
 from .noise_parts import note_untold_parts
 from .open_rows import exclude_open_rows
+from .payload_springs import add_payload_springs
 from .preparation import prepare, read_instrument
 from .rehearsed_folds import rehearse_folds
 from .result import Result
@@ -203,12 +204,10 @@ def _analyse_prepared(
         unidentifiable=list_unidentifiable(chosen.fit),
     )
     uncertainty = assess_uncertainty(study, split, chosen, say)
+    findings = widen_errors(findings, chosen.fit, uncertainty.parameters)
+    findings = add_payload_springs(findings, split.training, diagnosis.fit)
     explanation = Explanation(
-        findings=doubt_gravity(
-            widen_errors(findings, chosen.fit, uncertainty.parameters),
-            warnings,
-            split.problem.robot,
-        ),
+        findings=doubt_gravity(findings, warnings, split.problem.robot),
         faults=faults,
         search=diagnosis,
         error_map=build_error_map(diagnosis, candidates),
