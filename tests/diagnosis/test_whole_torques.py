@@ -36,19 +36,19 @@ RATED = {"irb120": 3.0, "ur5e": 5.0, "ur10e": 12.0}
 Rng = np.random.Generator
 
 
-def draw(rng: Rng) -> tuple[Robot, Array, Array]:
+def draw(rng: Rng, rows: int = ROWS) -> tuple[Robot, Array, Array]:
     """An arm with its masses, readings and a payload of each."""
     name = str(rng.choice(list(RATED)))
     arm = load_robot(name)
-    payload = RATED[name] * rng.choice([0.0, 0.4, 1.0], ROWS)
-    return arm, arm.draw(rng, ROWS), payload
+    payload = RATED[name] * rng.choice([0.0, 0.4, 1.0], rows)
+    return arm, arm.draw(rng, rows), payload
 
 
 def diagnose(arm: Robot, q: Array, payload: Array, joint: int, turn: Array, rng: Rng) -> Diagnosis:
     """Diagnose an arm of which one joint turns by something (m,)."""
     turned = q.copy()
     turned[:, joint - 1] += turn
-    seen = place_of(flanges_of(arm, turned), TOOL) + rng.normal(0, NOISE_MM, (ROWS, 3))
+    seen = place_of(flanges_of(arm, turned), TOOL) + rng.normal(0, NOISE_MM, (len(q), 3))
     at = bind(arm, build_measurements(q, seen, covariates={"payload_kg": payload}), TOOL)
     base = Model((mechanism("geometric", arm),))
     return search_separated(at, base, build_candidates(at, base, every(arm)))
@@ -136,6 +136,29 @@ def test_a_spring_that_stiffens_under_weight_and_payload_is_one_finding(rng: Rng
     assert effect.claim is not None
     assert effect.claim.bend == "stiffens"
     assert has_payload(effect)
+
+
+@pytest.mark.slow
+@seeds(4, 5, 8)
+def test_a_soft_zone_within_which_nothing_was_measured_is_no_play(rng: Rng) -> None:
+    """Both turn a joint by a step and in proportion beyond it; of a strain wave gear the step is a zone of
+    small torques where it is softer."""
+    arm, q, payload = draw(rng, 6 * ROWS)
+    joint = int(rng.integers(2, 4))
+    own, held = torques_of(arm, joint, q, payload, TOOL)
+    share = (own + held) / np.abs(own + held).max()
+    soft = 0.15
+    kept = np.flatnonzero(np.abs(share) > soft)[: ROWS // 2]
+    stiffly = share + 0.7 * soft * np.sign(share)
+    turn = rng.uniform(1e-3, 2e-3) * stiffly[kept]
+    diagnosis = diagnose(arm, q[kept], payload[kept], joint, turn, rng)
+    assert diagnosis.effects
+    for effect in diagnosis.effects:
+        claim = effect.claim
+        assert claim is not None
+        place, drivers, shape, _ = claim.levels
+        assert min(place, drivers) >= PROVEN
+        assert shape < PROVEN
 
 
 @seeds(1)
