@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ..exceptions import sentence_list
 from ..robot.kinematics import Robot
 from .causes import Cause, Named, cos, q, sin
 from .motors import drive_angle, drive_screws, joint_axis, motor_reading, name_drive
@@ -142,6 +143,28 @@ def encoder_scale(robot: Robot, joint: int) -> Mechanism:
             "gear ratio or encoder count in the controller",
             "slipping belt",
             "scale or screw of a slide",
+        ),
+    )
+
+
+def slide_scales(robot: Robot) -> Mechanism | None:
+    """All slides of a gantry move more or less than they read by one share, as scales and racks of one
+    maker or one temperature do."""
+    slides = [j for j, joint in enumerate(robot.joints, 1) if joint.prismatic]
+    if len(slides) < 2:
+        return None
+    screws = tuple(Screw(j, "tz", q(j, "mm")) for j in slides)
+    listed = sentence_list([str(j) for j in slides])
+    return Mechanism(
+        "slide-scales",
+        (Term("s", screws, SCALE),),
+        f"Slides {listed} move more than they read, by the same share.",
+        "d = (1 + s) q of every slide",
+        "ISO 230-2, linear axes at another temperature",
+        f"Slides {listed} move less than they read, by the same share.",
+        usual_causes=(
+            "scales or racks of slides at another temperature",
+            "unit or compensation of slides in the controller",
         ),
     )
 

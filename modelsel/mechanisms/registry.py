@@ -92,6 +92,7 @@ _BUILTIN: Registry = {
     "gear-eccentricity": PerJoint(drives.gear_eccentricity, drives.revolute_joints),
     "encoder-eccentricity": PerJoint(drives.encoder_eccentricity, drives.revolute_joints),
     "encoder-scale": PerJoint(drives.encoder_scale, drives.all_joints),
+    "slide-scales": drives.slide_scales,
     "gear-ripple": Scanned(
         drives.gear_ripple, drives.list_waves, drives.revolute_joints, more=drives.HIGH_WAVES
     ),
