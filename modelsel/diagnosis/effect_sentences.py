@@ -22,6 +22,7 @@ from .sentences import (
     weigh_listed,
 )
 from .sign_constraints import find_contrary_terms
+from .simple_shapes import find_own_wave
 from .springs_apart import SpringsApart
 from .stated_probability import describe_level_probability, format_probability
 
@@ -49,7 +50,8 @@ def list_cautions(effect: Effect) -> list[str]:
             f"allowing for the search, its size is {100 * after.low:.0f} to {write_percent(after.high)} of this (95 %)"
         )
     if effect.claim is not None and effect.claim.waves:
-        cautions.append(describe_aliases(effect.claim.waves))
+        _, fitted = find_own_wave(mechanism)
+        cautions.append(describe_aliases(effect.claim.waves, fitted))
     if effect.apart is not None:
         cautions.append(describe_apart(effect.apart))
     if effect.lasting:
@@ -164,15 +166,15 @@ def describe_apart(apart: SpringsApart) -> str:
     )
 
 
-def describe_aliases(waves: Sequence[int]) -> str:
-    """Say which other numbers of waves a turn do the same at all readings."""
+def describe_aliases(waves: Sequence[int], fitted: float) -> str:
+    """Say which other numbers of waves a turn do the same at all readings as the fitted number."""
     shown = [str(count) for count in waves[:NAMED_RIVALS]]
     listed = f"{sentence_list(shown)} waves a turn"
     if len(waves) > NAMED_RIVALS:
         listed = f"{', '.join(shown)} and other numbers of waves a turn"
     return (
-        f"{listed} do the same at these readings as the fitted wave; readings between these would "
-        "tell them apart"
+        f"{listed} do the same at these readings as the fitted wave of {fitted:g} a turn; readings "
+        "between these would tell them apart"
     )
 
 
