@@ -2,31 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
+import laws
 import numpy as np
 import pytest
 from builders import bind, seeds
 from exact import flanges_of
+from slid_arms import put_on_slides
 
 from modelsel.fitting.design import compute_design
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import build_mechanisms, mechanism
-from modelsel.robot.files import load_robot
-from modelsel.robot.kinematics import Robot
 
-TRAVEL = 400.0
 TOOL = np.array([60.0, -50.0, 80.0])
 Rng = np.random.Generator
-
-
-def put_on_slides(count: int) -> Robot:
-    """An arm of which the first joints slide."""
-    arm = load_robot("puma760")
-    slides = [
-        replace(joint, prismatic=True, limits=(-TRAVEL, TRAVEL)) for joint in arm.joints[:count]
-    ]
-    return replace(arm, joints=(*slides, *arm.joints[count:]))
 
 
 @pytest.mark.parametrize("count", [2, 3])
@@ -43,6 +31,7 @@ def test_every_slide_goes_further_by_one_share(count: int, rng: Rng) -> None:
     np.testing.assert_allclose(
         columns.reshape(-1) * 1e-4, (moved[1] - moved[0])[:, :3].reshape(-1), atol=1e-9
     )
+    laws.check_mechanism(one, arm, rng)
     listed = "1 and 2" if count == 2 else "1, 2 and 3"
     assert one.sentence.startswith(f"Slides {listed} move more than they read")
     assert one.contrary.startswith(f"Slides {listed} move less than they read")
