@@ -13,8 +13,7 @@ import numpy as np
 from ..fitting.problem import Problem
 from ..mechanisms.causes import Cause, torque
 from ..mechanisms.compliance import PAYLOAD, payload_torque, whole_torque
-from ..mechanisms.motors import is_coupled, motor_torque
-from ..robot.gravity import declares_masses
+from ..mechanisms.motors import is_coupled, knows_held_masses, motor_torque
 from ..robot.kinematics import Robot
 
 # share of the payload's torque, both by how much they change, from which the arm's own is seen
@@ -22,11 +21,11 @@ LEAST_OWN = 0.1
 
 
 def sees_both_loads(problem: Problem, joint: int) -> bool:
-    """Return whether masses are declared, the payload changes on these rows, and a drive's own torque is
-    seen beside that of the payload."""
+    """Return whether the masses that a drive holds are declared, the payload changes on these rows, and its
+    own torque is seen beside that of the payload."""
     robot = problem.robot
     known = problem.names()
-    if not declares_masses(robot) or PAYLOAD not in known:
+    if not knows_held_masses(robot, joint) or PAYLOAD not in known:
         return False
     payload = problem.value(PAYLOAD)
     span = np.ptp(payload)

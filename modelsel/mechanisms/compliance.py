@@ -8,7 +8,14 @@ from ..robot.gravity import declares_masses, find_arm_pair, find_gravity_joints
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
 from .causes import Cause, Named, q, shifted, sign, sin
-from .motors import drive_angle, drive_screws, motor_torque, moved_joints, name_drive
+from .motors import (
+    drive_angle,
+    drive_screws,
+    knows_held_masses,
+    motor_torque,
+    moved_joints,
+    name_drive,
+)
 from .terms import Mechanism, Screw, Term
 
 # rad/(N m): usual size of a compliance
@@ -119,11 +126,11 @@ def needs_both_loads(mechanism: Mechanism) -> bool:
 
 def mass_choices(robot: Robot, joint: int) -> tuple[int, ...]:
     """List the choices of masses: known ones, then unknown ones, where several bodies hang on the
-    joint or the file's masses leave out what the flange holds; with the payload where they are
-    declared."""
-    if declares_masses(robot):
+    joint or the file's masses leave out what the flange holds; with the payload where those of all
+    links that the drive holds are declared."""
+    if knows_held_masses(robot, joint):
         return (DECLARED, UNKNOWN, WITH_PAYLOAD)
-    if joint < robot.n:
+    if joint < robot.n or declares_masses(robot):
         return (DECLARED, UNKNOWN)
     return (DECLARED,)
 

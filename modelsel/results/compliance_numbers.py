@@ -17,7 +17,7 @@ from ..mechanisms.causes import torque
 from ..mechanisms.compliance import needs_both_loads, payload_torque, whole_torque
 from ..mechanisms.motors import motor_torque, name_drive
 from ..mechanisms.terms import Mechanism
-from ..robot.gravity import declares_masses
+from ..robot.gravity import declares_masses, declares_masses_beyond, find_gravity_joints
 from ..robot.kinematics import Robot
 from .quantities import MILLI, Usable, express, format_figure
 from .workspace import NORMAL_95, Fitted, Range, Workspace
@@ -27,6 +27,7 @@ STIFFNESS = "stiffness"
 IF_DECLARED = "stiffness with the arm's masses as declared"
 OF_PAYLOAD = "stiffness under the payload, whatever the arm's masses"
 NO_MASSES = " (no stiffness: the robot file gives no masses)"
+SOME_MASSES = " (no stiffness: the robot file does not give all masses that are held there)"
 
 
 def measure_wind_up(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
@@ -41,15 +42,12 @@ def measure_wind_up(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
             fitted.workspace,
         )
         load = _find_load(mechanism, frame, fitted.workspace)
-        is_known = mechanism.stem == "payload-deflection" or declares_masses(
-            fitted.workspace.problem.robot
-        )
-        words = (
-            f"{_describe_motion(mechanism, frame, fitted.workspace.problem.robot)} at full stretch"
-        )
+        robot = fitted.workspace.problem.robot
+        lacking = "" if mechanism.stem == "payload-deflection" else _find_lacking(robot, frame)
+        words = f"{_describe_motion(mechanism, frame, robot)} at full stretch"
         ends = frame == max(frames)
         stiffness = IF_DECLARED if needs_both_loads(mechanism) else STIFFNESS
-        yield from _measure_yield(words, part, _Load(frame, load, is_known, ends, stiffness))
+        yield from _measure_yield(words, part, _Load(frame, load, lacking, ends, stiffness))
 
 
 def measure_springs_apart(apart: SpringsApart) -> Usable:
@@ -73,7 +71,8 @@ def measure_joint_turn(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]
     turn, each = fitted.turn(joint, TURNS)
     angle = fitted.length_at(turn, each, row)
     largest = format_figure(float(torques[row]))
-    newton_metres = f" ({largest} N m)" if declares_masses(workspace.problem.robot) else ""
+    is_known = declares_masses_beyond(workspace.problem.robot, joint)
+    newton_metres = f" ({largest} N m)" if is_known else ""
     words = f"turn of joint {joint} at its largest measured torque{newton_metres}"
     moved = fitted.moved_at(row)
     yield express(words, angle.scale(MILLI), "mrad")
@@ -87,9 +86,11 @@ def measure_base_tilt(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
     across = np.array(moments) - np.outer(down, down @ np.array(moments))
     load = np.linalg.norm(across, axis=0)
     words = "tilt of the base at full stretch"
-    yield from _measure_yield(
-        words, fitted, _Load(1, load, declares_masses(fitted.workspace.problem.robot), True)
-    )
+    robot = fitted.workspace.problem.robot
+    # what turns about the vertical alone has hardly a moment on the base
+    first = min(find_gravity_joints(robot), default=1)
+    lacking = _find_lacking(robot, first)
+    yield from _measure_yield(words, fitted, _Load(1, load, lacking, True))
 
 
 def measure_payload_bending(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
@@ -115,12 +116,12 @@ def measure_payload_bending(mechanism: Mechanism, fitted: Fitted) -> Iterator[Us
 
 @dataclass(frozen=True, eq=False)
 class _Load:
-    """What a frame yields to: `size` (m,), whether it is known in N m, whether no other frame of the effect
-    follows, and what its `stiffness` is called."""
+    """What a frame yields to: `size` (m,), what is `lacking` to know it in N m, whether no other frame of
+    the effect follows, and what its `stiffness` is called."""
 
     frame: int
     size: Array
-    is_known: bool
+    lacking: str
     ends: bool
     stiffness: str = STIFFNESS
 
@@ -133,9 +134,9 @@ def _measure_yield(words: str, part: Fitted, load: _Load) -> Iterator[Usable]:
     torque = float(load.size[row])
     moved = part.moved_at(row)
     at_target, there = f"{words}, at the target", "at the target there"
-    if not load.is_known:
+    if load.lacking:
         wound = express(words, angle.scale(MILLI), "mrad")
-        yield replace(wound, text=f"{wound.text}{NO_MASSES if load.ends else ''}")
+        yield replace(wound, text=f"{wound.text}{load.lacking if load.ends else ''}")
         yield express(at_target, moved, "mm", there)
         return
     under = f"{words} ({format_figure(torque)} N m)"
@@ -143,6 +144,14 @@ def _measure_yield(words: str, part: Fitted, load: _Load) -> Iterator[Usable]:
     yield express(at_target, moved, "mm", there)
     if torque and angle.value:
         yield express(load.stiffness, angle.invert(torque), "N m/rad")
+
+
+def _find_lacking(robot: Robot, joint: int) -> str:
+    """Find what is lacking to know the torque about a joint in N m, in words; nothing where all masses
+    that it carries are declared."""
+    if declares_masses_beyond(robot, joint):
+        return ""
+    return SOME_MASSES if declares_masses(robot) else NO_MASSES
 
 
 def _find_load(mechanism: Mechanism, frame: int, workspace: Workspace) -> Array:
