@@ -204,10 +204,12 @@ def _analyse_prepared(
         unidentifiable=list_unidentifiable(chosen.fit),
     )
     uncertainty = assess_uncertainty(study, split, chosen, say)
-    findings = widen_errors(findings, chosen.fit, uncertainty.parameters)
-    findings = add_payload_springs(findings, split.training, diagnosis.fit)
     explanation = Explanation(
-        findings=doubt_gravity(findings, warnings, split.problem.robot),
+        findings=doubt_gravity(
+            _measure_loads(findings, split, diagnosis, chosen.fit, uncertainty.parameters),
+            warnings,
+            split.problem.robot,
+        ),
         faults=faults,
         search=diagnosis,
         error_map=build_error_map(diagnosis, candidates),
@@ -260,6 +262,19 @@ def find_data_faults(
     rng = generator(study.seed, "null")
     faults = find_misplaced_rows(split.problem, split.outliers, chosen.fit, rng)
     return drop_known_faults(faults, notes)
+
+
+def _measure_loads(
+    findings: Sequence[Finding],
+    split: Split,
+    diagnosis: Diagnosis,
+    fitted: Fit,
+    parameters: Sequence[Parameter],
+) -> tuple[Finding, ...]:
+    """Return the findings with the standard uncertainties of the chosen model's parameters, each spring
+    under two loads with what it is under each."""
+    widened = widen_errors(findings, fitted, parameters)
+    return add_payload_springs(widened, split.training, diagnosis.fit)
 
 
 def widen_errors(
