@@ -93,7 +93,7 @@ def build_cornered_springs(
 def list_springs(problem: Problem, place: Place, found: Sequence[Mechanism]) -> list[Mechanism]:
     """List powers of the torque about a joint and springs that stiffen, which several findings at its
     motion may approximate: one that follows this torque, or its sign, and others of it or of the
-    readings that it depends on."""
+    readings that it depends on. Beside a play those of two stiffnesses are among them."""
     joint, axis = place
     robot = problem.robot
     loaded = find_gravity_joints(robot)
@@ -111,8 +111,18 @@ def list_springs(problem: Problem, place: Place, found: Sequence[Mechanism]) -> 
     if not is_alike or not any(follow):
         return []
     powers = build_powers(problem, joint, load)
-    soft = build_soft_springs(problem, joint, load)
-    return [*powers.values(), *soft, *build_cornered_springs(problem, joint, load)]
+    springs = [*powers.values(), *build_soft_springs(problem, joint, load)]
+    if any(_is_play(problem, m) for m in found):
+        springs += build_cornered_springs(problem, joint, load)
+    return springs
+
+
+def _is_play(problem: Problem, found: Mechanism) -> bool:
+    """Return whether a finding has two sides and nothing between, as a play that gravity closes has."""
+    cause = found.terms[0].screws[0].cause
+    values = np.asarray(cause.of(problem.state))
+    sides = np.unique(np.sign(values))
+    return len(sides) > 1 and np.unique(values).size <= len(sides)
 
 
 def _follows_torque(problem: Problem, found: Mechanism, place: Place, load: Cause) -> bool:
