@@ -23,6 +23,7 @@ FAN = np.radians(
 )
 DRAWN = (-115.0, -50.0, 15.0)  # degrees of the driving joint at which the arm is drawn
 POINTS = 241
+TRAVEL = 500.0  # mm to either side of a slide
 TRACKER = (-2500.0, -1500.0, 0.0)  # mm, frame 0: where the instrument stands
 SHOWN = 0.22  # of the reach: how far the most displaced target is drawn away
 TURN = 0.4  # rad: no joint is drawn turned by more
@@ -45,6 +46,7 @@ class Driver:
     name: str  # q3, move3, rate3, temperature_C, payload_kg, progress
     joint: int = 0
     both: bool = False  # the way back differs from the way there
+    slides: bool = False
 
     @property
     def words(self) -> str:
@@ -53,6 +55,8 @@ class Driver:
             return f"last move of joint {self.joint} [deg]"
         if self.name.startswith("rate"):
             return f"speed of joint {self.joint} [deg/s]"
+        if self.slides:
+            return f"slide {self.joint} [mm]"
         if self.joint:
             return f"joint {self.joint} [deg]{', there and back' if self.both else ''}"
         return {"temperature_C": "temperature [°C]", "payload_kg": "payload [kg]"}.get(
@@ -73,9 +77,18 @@ def driver(mechanism: Mechanism) -> Driver:
         ]
         if joints:
             shown = stem if stem in ("move", "rate") else "q"
-            return Driver(f"{shown}{joints[0]}", joints[0], stem == "approach")
+            slides = mechanism.stem == "slide-scales"
+            return Driver(f"{shown}{joints[0]}", joints[0], stem == "approach", slides)
     joint = 5 if "down_x" in names else 3 if "range_mm" in names else 2
     return Driver(f"q{joint}", joint)
+
+
+def put_on_slides(robot: Robot) -> Robot:
+    """The robot with slides in the place of its first two joints."""
+    slides = [
+        replace(joint, prismatic=True, limits=(-TRAVEL, TRAVEL)) for joint in robot.joints[:2]
+    ]
+    return replace(robot, name=f"{robot.name} on two slides", joints=(*slides, *robot.joints[2:]))
 
 
 def values(terms: tuple[Term, ...]) -> Array:
@@ -118,6 +131,9 @@ def sweep(robot: Robot, by: Driver) -> tuple[Problem, Array]:
         q[:, by.joint - 1] += np.radians(40) * np.sin(np.pi * along)
         at = _problem(robot, q, time_s=2.0 * along)
         return at, np.degrees(at.value(by.name))
+    if by.slides:
+        q[:, by.joint - 1] = TRAVEL * (1 - 2 * np.abs(2 * along - 1))
+        return _problem(robot, q), q[:, by.joint - 1]
     if by.joint:
         q[:, by.joint - 1] = np.radians(150) * (1 - 2 * np.abs(2 * along - 1))
         return _problem(robot, q), np.degrees(q[:, by.joint - 1])
@@ -130,6 +146,8 @@ def sweep(robot: Robot, by: Driver) -> tuple[Problem, Array]:
 def _postures(robot: Robot, by: Driver, along: Problem) -> Problem:
     """Three configurations to draw the arm in: on the way of a joint, or a fan where no joint is
     the driver."""
+    if by.slides:
+        return along.take(np.array([POINTS // 2, POINTS // 3, POINTS // 6]))
     if by.joint and not by.name.startswith(("move", "rate")):
         there = np.degrees(along.data.q[: POINTS // 2, by.joint - 1])
         return along.take(np.array([np.abs(there - angle).argmin() for angle in DRAWN]))

@@ -58,6 +58,12 @@ def shown(stem: str, robot: Robot, registry: Registry = BUILTIN) -> Mechanism:
     )
 
 
+def host(stem: str, registry: Registry = BUILTIN) -> Robot:
+    """The robot that a mechanism is shown on: the catalogue's own, with slides for one that it lacks."""
+    robot = load_robot(ROBOT)
+    return robot if build_mechanisms(stem, robot, registry) else arm.put_on_slides(robot)
+
+
 def drawn(robot: Robot) -> Problem:
     """Configurations drawn within the limits, every covariate varied, measured where the nominal
     model has them."""
@@ -120,6 +126,8 @@ def _robots() -> tuple[Robot, ...]:
 def _applies(stem: str, registry: Registry) -> str:
     robots = _robots()
     on = [r.name for r in robots if build_mechanisms(stem, r, registry)]
+    if not on:
+        return f"arms with slides; of the built-in robots to none, so it is shown on a {host(stem).name}"
     here = next(r for r in robots if r.name == ROBOT)
     names = dict.fromkeys(m.name for m in build_mechanisms(stem, here, registry))
     joints = [n.partition(":")[2] for n in names if ":" in n]
@@ -158,7 +166,8 @@ def entry(
     registry: Registry = BUILTIN,
 ) -> str:
     """One mechanism in Markdown."""
-    m = shown(stem, load_robot(ROBOT), registry)
+    robot = host(stem, registry)
+    m = shown(stem, robot, registry)
     card, (absorbed, left) = describe_mechanism(m), seen
     needs = [name for name in COVARIATES if name in m.names()]
     likest = ", ".join(f"`{other}` ({_percent(share)})" for other, share in alike(m.name, left))
@@ -187,7 +196,7 @@ def entry(
         "",
         *([f"- **Usual causes**: {', '.join(m.usual_causes)}."] if m.usual_causes else []),
         f"- **Told apart.** {text['apart'].replace(chr(10), ' ')}",
-        f"- **Similar effects**, on {COUNT} configurations drawn for {ROBOT}: {of_it}.",
+        f"- **Similar effects**, on {COUNT} configurations drawn for {robot.name}: {of_it}.",
         f"- **Applies to** {_applies(stem, registry)}.",
         *([f"- **Needs** the column {', '.join(f'`{n}`' for n in needs)}."] if needs else []),
         f"- **Source.** {m.source}.",
@@ -203,7 +212,9 @@ def page(registry: Registry = BUILTIN, folder: str = "mechanisms") -> tuple[str,
     seen = common() if registry is BUILTIN else beyond(drawn(robot), robot, registry)
     pictures, out = {}, []
     for stem in registry:
-        drawing, alt = arm.picture(shown(stem, robot, registry), robot)
+        on = host(stem, registry)
+        drawing, alt = arm.picture(shown(stem, on, registry), on)
         pictures[f"{stem}.svg"] = drawing
-        out.append(entry(stem, written[stem], f"{folder}/{stem}.svg", alt, seen, registry))
+        own = seen if on.name == robot.name else beyond(drawn(on), on, registry)
+        out.append(entry(stem, written[stem], f"{folder}/{stem}.svg", alt, own, registry))
     return "\n".join(out), pictures

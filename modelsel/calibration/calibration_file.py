@@ -16,6 +16,7 @@ from ..robot.kinematics import Robot, UrdfSource
 from ..robot.plain_values import robot_record
 from ..robot.urdf import read_urdf_text
 from .calibration_schema import SCHEMA_VERSION
+from .other_sides import OtherSide
 from .refitting import refits_record
 
 if TYPE_CHECKING:
@@ -103,7 +104,7 @@ def calibration_record(c: Calibration) -> dict[str, Any]:
         rows = c.estimation_rows
         record["estimation_rows"] = {"count": rows.count, "codes": rows.text}
     if c.other_sides:
-        record["other_sides"] = {name: one._asdict() for name, one in c.other_sides.items()}
+        record["other_sides"] = {name: _record_side(one) for name, one in c.other_sides.items()}
     form = c.form
     if not form.is_plain:
         columns = dict(form.columns)
@@ -116,6 +117,13 @@ def calibration_record(c: Calibration) -> dict[str, Any]:
     if source is not None and _is_of(source, c.robot):
         record["urdf"] = {"base": source.base, "tip": source.tip, "text": source.text}
     return record
+
+
+def _record_side(one: OtherSide) -> dict[str, Any]:
+    """Return what may be true in the place of a mechanism as JSON values."""
+    values = one._asdict()
+    instrument = mechanism_record(one.instrument)
+    return values | {"instrument": instrument, "estimate": list(one.estimate)}
 
 
 def _is_of(source: UrdfSource, robot: Robot) -> bool:

@@ -153,6 +153,16 @@ class OtherSideRecord(StrictRecord):
     label: Text
     share: Annotated[Number, Field(ge=0, le=1)]
     rms_mm: Length
+    instrument: MechanismRecord
+    estimate: list[Number]
+
+    @model_validator(mode="after")
+    def _check_estimate(self) -> OtherSideRecord:
+        if len(self.estimate) != len(self.instrument.terms):
+            raise ValueError(
+                "its estimate has not one number for each term of the instrument's error"
+            )
+        return self
 
 
 class CalibrationRecord(StrictRecord):

@@ -35,8 +35,9 @@ from .command_notes import (
 from .commands_table import build_commands_table, find_carried_columns
 from .expected_noise import describe_other_noise, expect_noise
 from .large_changes import check_bound, find_weakest, refuse_large_changes
-from .other_sides import count_other_sides, describe_other_sides
+from .other_sides import describe_other_sides
 from .prediction import compute_pose, compute_sensitivities, predict, to_tracker_frame
+from .side_differences import count_other_sides
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -244,7 +245,7 @@ def _summarise_commands(
     sigma, _ = expect_noise(c, factors[:, :3])
     noise = 3 * sigma**2
     unknown = _compute_unknown_approach(c, there)
-    unknown += count_other_sides(c.other_sides)
+    unknown += count_other_sides(c, there)
     expected_square = left_mm**2 + model_mm**2 + noise + unknown
     expected_mm = np.sqrt(expected_square)
     before_rad = left_rad = model_rad = None

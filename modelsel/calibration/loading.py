@@ -159,8 +159,13 @@ def _restore(record: CalibrationRecord) -> Calibration:
 
 def _restore_other_sides(record: CalibrationRecord) -> dict[str, OtherSide]:
     """Return what may be an error of the other side, by mechanism."""
-    sides = record.other_sides.items()
-    return {name: OtherSide(one.label, one.share, one.rms_mm) for name, one in sides}
+    sides = {}
+    for name, one in record.other_sides.items():
+        instrument = mechanism_from_record(one.instrument)
+        _check_places(record, Model((instrument,)))
+        estimate = tuple(one.estimate)
+        sides[name] = OtherSide(one.label, one.share, one.rms_mm, instrument, estimate)
+    return sides
 
 
 def _restore_estimation_rows(record: CalibrationRecord) -> EstimationRows:
@@ -271,21 +276,24 @@ def _check_standard_errors(record: CalibrationRecord, standard_errors: Array) ->
 def _check_screws(record: CalibrationRecord, model: Model) -> None:
     """Raise ValueError where a screw is at a frame, or of a target, group or value, that the file
     does not have."""
+    _check_places(record, model)
+    needs = set[str]().union(*(one.names() for one in model.mechanisms))
+    missing = sorted(needs - STORED_LABELS - record.ranges.keys())
+    if missing:
+        names = ", ".join(missing)
+        raise ValueError(f"its ranges lack {names}")
+
+
+def _check_places(record: CalibrationRecord, model: Model) -> None:
+    """Raise ValueError where a screw is at a frame, or of a target or group, that the file does not
+    have."""
     frames = len(record.robot.joints) + 1
     counts = {"target": len(record.targets), "group": len(record.groups)}
     screws = [screw for term in model.terms for screw in term.screws]
-    needs = set[str]()
-    for screw in screws:
-        if screw.frame > frames:
-            raise ValueError("a screw is at a frame that its robot does not have")
-        needs |= screw.cause.names()
+    if any(screw.frame > frames for screw in screws):
+        raise ValueError("a screw is at a frame that its robot does not have")
     members = [member for screw in screws for member in find_members(screw.cause)]
     for member in members:
         count = counts[member.kind]
         if not 0 <= member.index < count:
             raise ValueError("a cause names a target or group that it does not have")
-    needs -= STORED_LABELS
-    missing = sorted(needs - record.ranges.keys())
-    if missing:
-        names = ", ".join(missing)
-        raise ValueError(f"its ranges lack {names}")

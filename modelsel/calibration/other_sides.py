@@ -5,7 +5,7 @@ One of the two is fitted; only the arm's is corrected. Commands have to reckon w
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, NamedTuple
 
 from ..exceptions import write_rounded
@@ -21,23 +21,19 @@ class OtherSide(NamedTuple):
     place of one of the arm, or the reverse.
 
     `label`: its most probable explanation; `share`: its probability, among all that move the target
-    alike; `rms_mm`: by how much (rms) the commands of both sides differ: the size of the instrument's
-    error."""
+    alike; `instrument` and `estimate`: the instrument's error of both, and its numbers, by which commands
+    of both sides differ; `rms_mm`: its size at the rows that were fitted (rms)."""
 
     label: str
     share: float
     rms_mm: float
+    instrument: Mechanism
+    estimate: tuple[float, ...]
 
 
 def is_misreading(mechanism: Mechanism) -> bool:
     """Return whether a mechanism is an error of the instrument."""
     return mechanism.stem in MISREADINGS
-
-
-def count_other_sides(sides: Mapping[str, OtherSide]) -> float:
-    """Count the variance [mm²] that commands have to reckon with, since a fitted mechanism may be an
-    error of the other side: its square as often as that is so."""
-    return sum(other.share * other.rms_mm**2 for other in sides.values())
 
 
 def describe_other_sides(c: Calibration) -> Iterator[str]:

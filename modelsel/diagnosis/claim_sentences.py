@@ -17,7 +17,7 @@ from .effects import Effect
 from .rival_names import NAMED_RIVALS
 from .sentences import (
     describe_amount,
-    describe_candidate,
+    describe_cause,
     has_contrary_signs,
     name_alike,
     name_joint,
@@ -134,7 +134,7 @@ def describe_what(effect: Effect) -> str:
     """Describe what a finding says of the arm, without its size, as deep as it is proven."""
     claimed = _find_shorter_claim(effect)
     if claimed is None:
-        return describe_candidate(effect.candidate, effect.estimate, name_joint(effect))
+        return describe_cause(effect, name_joint(effect))
     return claimed.text
 
 
@@ -372,4 +372,4 @@ def _describe_shape(effect: Effect) -> str:
 def _describe_cause(effect: Effect) -> str:
     if not effect.candidate.registered:
         return "No registered mechanism describes this"
-    return describe_candidate(effect.candidate, effect.estimate)
+    return describe_cause(effect)

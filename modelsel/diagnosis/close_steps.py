@@ -13,9 +13,7 @@ from ..fitting.problem import Problem
 from ..mechanisms.step_moments import list_step_moments
 from .candidates import Candidate
 from .scanned_constants import COORDINATES_OF_STEP
-
-# what moves the instrument against the arm for every target
-SET_UP_STEPS = ("tracker-step", "fault:tracker-bumped")
+from .session_steps import SET_UP_STEPS
 
 
 class CloseSteps(NamedTuple):

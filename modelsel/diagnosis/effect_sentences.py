@@ -6,14 +6,14 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ..exceptions import sentence_list, write_percent
+from ..exceptions import sentence_list, write_percent, write_rounded
 from ..mechanisms.terms import Term
 from .credible_sets import FOUND, Entry
 from .effects import Effect
 from .rival_names import NAMED_RIVALS, describe_open_names, list_rival_labels
 from .sentences import (
     describe_amount,
-    describe_candidate,
+    describe_cause,
     format_quantity,
     has_contrary_signs,
     label_effect,
@@ -22,6 +22,8 @@ from .sentences import (
     weigh_listed,
 )
 from .sign_constraints import find_contrary_terms
+from .simple_shapes import find_own_wave
+from .springs_apart import SpringsApart
 from .stated_probability import describe_level_probability, format_probability
 
 # sizes that are unusual for an error of an arm, where the catalogue gives no range
@@ -48,13 +50,16 @@ def list_cautions(effect: Effect) -> list[str]:
             f"allowing for the search, its size is {100 * after.low:.0f} to {write_percent(after.high)} of this (95 %)"
         )
     if effect.claim is not None and effect.claim.waves:
-        cautions.append(describe_aliases(effect.claim.waves))
+        _, fitted = find_own_wave(mechanism)
+        cautions.append(describe_aliases(effect.claim.waves, fitted))
     joint = effect.mixed_joint
     if joint is not None:
         cautions.append(
             f"the gravity torque about joint {joint} goes once a turn, too: what joint {joint} turns "
             "unevenly and what it winds up under its weight are told as one"
         )
+    if effect.apart is not None:
+        cautions.append(describe_apart(effect.apart))
     if effect.lasting:
         cautions.append(f"errors that last may do the same (probability {effect.lasting:.2f})")
     if effect.cancels is not None:
@@ -143,7 +148,7 @@ def describe_effect(effect: Effect, doubt: str = "") -> str:
     """Describe one finding in one sentence; `doubt`, where there is one, stands beside its name."""
     candidate = effect.candidate
     terms = candidate.mechanism.terms
-    what = describe_candidate(candidate, effect.estimate, name_joint(effect))
+    what = describe_cause(effect, name_joint(effect))
     amount = describe_amount(terms, effect.estimate, effect.standard_error)
     if effect.named.verdict == FOUND:
         standing = _describe_probability(effect)
@@ -155,15 +160,27 @@ def describe_effect(effect: Effect, doubt: str = "") -> str:
     return "; ".join(parts) + "."
 
 
-def describe_aliases(waves: Sequence[int]) -> str:
-    """Say which other numbers of waves a turn do the same at all readings."""
+def describe_apart(apart: SpringsApart) -> str:
+    """Say of one spring under two loads how it stands to the arm's own weight."""
+    times = write_rounded(apart.weight, 2)
+    ends = ""
+    if apart.low is not None and apart.high is not None:
+        ends = f" (95 %: {write_rounded(apart.low, 2)} to {write_rounded(apart.high, 2)})"
+    return (
+        f"the arm's own weight winds it up {times} times{ends} as much as its stiffness under the payload "
+        "and the masses as declared give"
+    )
+
+
+def describe_aliases(waves: Sequence[int], fitted: float) -> str:
+    """Say which other numbers of waves a turn do the same at all readings as the fitted number."""
     shown = [str(count) for count in waves[:NAMED_RIVALS]]
     listed = f"{sentence_list(shown)} waves a turn"
     if len(waves) > NAMED_RIVALS:
         listed = f"{', '.join(shown)} and other numbers of waves a turn"
     return (
-        f"{listed} do the same at these readings as the fitted wave; readings between these would "
-        "tell them apart"
+        f"{listed} do the same at these readings as the fitted wave of {fitted:g} a turn; readings "
+        "between these would tell them apart"
     )
 
 

@@ -11,6 +11,7 @@ from .after_selection import AfterSelection
 from .candidates import Candidate
 from .credible_sets import CredibleSet
 from .signatures import LEVELS, PROVEN
+from .springs_apart import SpringsApart
 
 # what a step of a search that drops an effect begins with
 DROPPED = "- "
@@ -69,7 +70,8 @@ class Effect:
     is left of both); `claim`: how deep it is proven; `after_selection`: what its size is to be
     multiplied by, allowing for the search; `number`: which it is of several effects of one name;
     `lasting`: how probable errors that last are in its place, where that is worth telling; `mixed_joint`:
-    the joint whose wave once a turn and wind-up under its weight are told by it as one."""
+    the joint whose wave once a turn and wind-up under its weight are told by it as one; `apart`: of a
+    spring under the arm's weight and the payload what it is under each."""
 
     candidate: Candidate
     named: CredibleSet
@@ -82,6 +84,7 @@ class Effect:
     number: int | None = None
     lasting: float = 0.0
     mixed_joint: int | None = None
+    apart: SpringsApart | None = None
 
     @property
     def label(self) -> str:

@@ -19,12 +19,12 @@ from ..mechanisms.terms import Mechanism
 from .candidates import Candidate
 
 # what yields to the arm's own weight, and what the same is called under the payload
+COMPLIANCE = "joint-compliance"
 OF_PAYLOAD = {
-    "payload-deflection": "joint-compliance",
+    "payload-deflection": COMPLIANCE,
     "payload-bending": "link-bending",
     "payload-tilt": "base-tilt",
 }
-DRIVE = "joint-compliance"
 # by which shoulder and elbow yield to the arm's weight, too
 TWISTS = ("joint2-twist", "joint3-twist", "gravity-twist")
 
@@ -107,7 +107,7 @@ def find_nested_loads(candidates: Sequence[Candidate]) -> NestedLoads:
         if len(springs) != 3:
             continue
         others: Collection[int] = ()
-        if what.stem == DRIVE:
+        if what.stem == COMPLIANCE:
             joint = what.number or 0
             others = twists.get(joint, ())
         every = _Springs(**springs, twists=frozenset(others))

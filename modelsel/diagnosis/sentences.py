@@ -10,6 +10,7 @@ from .._typing import Array
 from ..exceptions import choice_list, count_words, write_rounded
 from ..measurements.state_names import StateKind, describe_state_name, parse_state_name
 from ..mechanisms.causes import Applied, Bump, find_bump
+from ..mechanisms.compliance import AS_DECLARED
 from ..mechanisms.terms import Mechanism, Term, describe_frame_motion, letter
 from .candidates import Candidate
 from .cause_words import append_cause, find_constant_of
@@ -205,6 +206,16 @@ def describe_candidate(candidate: Candidate, estimate: Array, joint: str = "") -
     if mechanism.sentence:
         return mechanism.sentence.rstrip(".")
     return f"{_describe_place(candidate, joint)}{UNREGISTERED}"
+
+
+def describe_cause(effect: Effect, joint: str = "") -> str:
+    """Describe what an effect's candidate says of the arm, as the fit has it: one spring under the arm's
+    weight and the payload in other words where the data speak for two."""
+    words = describe_candidate(effect.candidate, effect.estimate, joint)
+    if effect.apart is None or not effect.apart.is_doubted:
+        return words
+    both = words.removesuffix(f",{AS_DECLARED}")
+    return f"{both}; that one stiffness holds for both{AS_DECLARED} is not proven"
 
 
 def name_joint(effect: Effect) -> str:

@@ -30,11 +30,12 @@ from .scanned_constants import drop_equal_constants, has_both_sides
 from .slide_steps import add_steps_along_slides
 
 Build = Callable[[Robot, float], Mechanism]
-STEPS: dict[str, Build] = {
+# what moves the instrument against the arm for every target, and whatever steps for some
+SET_UP_STEPS: dict[str, Build] = {
     "tracker-step": environment.tracker_step,
     "fault:tracker-bumped": environment.tracker_bumped,
-    TARGET_STEP: environment.target_step,
 }
+STEPS: dict[str, Build] = {**SET_UP_STEPS, TARGET_STEP: environment.target_step}
 # moments where groups meet, at most: more groups are no sessions
 MOST_CHANGES = 20
 # digits of a moment of the campaign

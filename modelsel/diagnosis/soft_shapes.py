@@ -29,6 +29,8 @@ from .whole_torques import find_load, list_torques
 # as a root does
 LEVELLING = (0.25, 0.5, 1.0, 2.0, 4.0)
 STIFFENING = (2.0, 8.0)
+# typical torques up to which a spring of two stiffnesses has the first one
+CORNERS = (0.25, 0.5, 1.0)
 # where a soft step of a joint is steepest, in its range from -1 to 1, and how steep it is there
 CENTRES = tuple(k / 20 for k in range(-12, 13))
 SLOPES = (0.8, 1.0, 1.25, 1.55, 1.95, 2.45, 3.1, 4.0)
@@ -73,10 +75,25 @@ def build_soft_springs(
         yield build_cell(place, (side * beyond,))
 
 
+def build_cornered_springs(
+    problem: Problem, joint: int, load: Cause | None = None
+) -> Iterator[Mechanism]:
+    """Build a joint's motions with its torque by one stiffness up to a corner, by another beyond it, as a
+    catalogue of strain wave gears has it; none without load. `load`: as of `build_powers`."""
+    share = scale_torque(problem, joint, load)
+    if share is None:
+        return
+    place = joint, joint_axis(problem.robot, joint)
+    for corner in CORNERS:
+        above = Applied("abs", share + corner)
+        below = Applied("abs", share - corner)
+        yield build_cell(place, (share, above - below))
+
+
 def list_springs(problem: Problem, place: Place, found: Sequence[Mechanism]) -> list[Mechanism]:
     """List powers of the torque about a joint and springs that stiffen, which several findings at its
     motion may approximate: one that follows this torque, or its sign, and others of it or of the
-    readings that it depends on."""
+    readings that it depends on. Beside a play those of two stiffnesses are among them."""
     joint, axis = place
     robot = problem.robot
     loaded = find_gravity_joints(robot)
@@ -94,7 +111,18 @@ def list_springs(problem: Problem, place: Place, found: Sequence[Mechanism]) -> 
     if not is_alike or not any(follow):
         return []
     powers = build_powers(problem, joint, load)
-    return [*powers.values(), *build_soft_springs(problem, joint, load)]
+    springs = [*powers.values(), *build_soft_springs(problem, joint, load)]
+    if any(_is_play(problem, m) for m in found):
+        springs += build_cornered_springs(problem, joint, load)
+    return springs
+
+
+def _is_play(problem: Problem, found: Mechanism) -> bool:
+    """Return whether a finding has two sides and nothing between, as a play that gravity closes has."""
+    cause = found.terms[0].screws[0].cause
+    values = np.asarray(cause.of(problem.state))
+    sides = np.unique(np.sign(values))
+    return len(sides) > 1 and np.unique(values).size <= len(sides)
 
 
 def _follows_torque(problem: Problem, found: Mechanism, place: Place, load: Cause) -> bool:

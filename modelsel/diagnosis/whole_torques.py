@@ -15,9 +15,9 @@ from ..mechanisms.beams import name_moments
 from ..mechanisms.causes import Cause, Named, torque
 from ..mechanisms.compliance import PAYLOAD, payload_torque, whole_torque
 from ..mechanisms.gravity_effects import list_base_loads
-from ..mechanisms.motors import is_coupled, motor_torque
+from ..mechanisms.motors import is_coupled, knows_held_masses, motor_torque
 from ..mechanisms.terms import Mechanism
-from ..robot.gravity import declares_masses
+from ..robot.gravity import declares_masses_beyond, find_gravity_joints
 from ..robot.kinematics import Robot
 
 BENDING = "link-bending"
@@ -27,9 +27,11 @@ LEAST_OWN = 0.1
 
 
 def sees_both_loads(problem: Problem, joint: int) -> bool:
-    """Return whether masses are declared, the payload changes on these rows, and a drive's own torque is
-    seen beside that of the payload."""
+    """Return whether the masses that a drive holds are declared, the payload changes on these rows, and its
+    own torque is seen beside that of the payload."""
     robot = problem.robot
+    if not knows_held_masses(robot, joint):
+        return False
     own = motor_torque(robot, joint)
     held = payload_torque(robot, joint)
     loads = {own: held}
@@ -38,13 +40,15 @@ def sees_both_loads(problem: Problem, joint: int) -> bool:
 
 def sees_loads_of(problem: Problem, mechanism: Mechanism) -> bool:
     """Return the same of what a mechanism has yield: a drive, a link or the base."""
+    robot = problem.robot
     joint = mechanism.joint
     if joint is None:
-        loads = list_base_loads(problem.robot)
-        return _sees_own(problem, loads)
+        # what turns about the vertical alone has hardly a moment on the base
+        first = min(find_gravity_joints(robot), default=1)
+        loads = list_base_loads(robot)
+        return declares_masses_beyond(robot, first) and _sees_own(problem, loads)
     if mechanism.stem != BENDING:
         return sees_both_loads(problem, joint)
-    robot = problem.robot
     frame = joint + 1
     target = robot.n + 1
     moments = name_moments(robot, frame)
@@ -52,13 +56,13 @@ def sees_loads_of(problem: Problem, mechanism: Mechanism) -> bool:
     pairs = {}
     for axis, own in moments.items():
         pairs[own] = HELD * of_one_kg[axis]
-    return _sees_own(problem, pairs)
+    return declares_masses_beyond(robot, frame) and _sees_own(problem, pairs)
 
 
 def _sees_own(problem: Problem, loads: Mapping[Cause, Cause]) -> bool:
     """Return whether the payload changes on these rows, and of loads of the arm's own masses, which are
     declared, something is seen beside those of the payload."""
-    if not declares_masses(problem.robot) or PAYLOAD not in problem.names():
+    if PAYLOAD not in problem.names():
         return False
     payload = problem.value(PAYLOAD)
     if not np.ptp(payload):

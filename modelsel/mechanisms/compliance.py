@@ -9,7 +9,14 @@ from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
 from .beams import weight_moment
 from .causes import Cause, Named, q, shifted, sign, sin
-from .motors import drive_angle, drive_screws, motor_torque, moved_joints, name_drive
+from .motors import (
+    drive_angle,
+    drive_screws,
+    knows_held_masses,
+    motor_torque,
+    moved_joints,
+    name_drive,
+)
 from .terms import Mechanism, Screw, Term
 
 # rad/(N m): usual size of a compliance
@@ -31,6 +38,8 @@ OF_ONE_KG = {StateKind.UNIT_TORQUE, StateKind.UNIT_BENDING}
 PAYLOAD = "payload_kg"
 # what is said of a torque of both
 OF_BOTH = ", of the arm's weight and of the payload,"
+# what a spring under both adds
+AS_DECLARED = " with the masses as declared"
 TOOL_PARTS = ("gripper or its fingers", "tool changer that yields", "loose target nest")
 SOURCE = "Klimchik, Furet, Caro & Pashkevich 2015, elastostatic calibration"
 # parts that usually make a joint wind up
@@ -59,7 +68,7 @@ def joint_compliance(robot: Robot, joint: int, masses: int) -> Mechanism:
         cause = motor_torque(robot, joint)
         if masses == WITH_PAYLOAD:
             cause = whole_torque(robot, joint)
-            of_what = f"{OF_BOTH} with the masses as declared"
+            of_what = f"{OF_BOTH}{AS_DECLARED}"
             load = f"({load} + payload_kg · torque of 1 kg at the target)"
         terms = (Term(f"c{joint}", drive_screws(robot, joint, cause), COMPLIANCE, 1),)
     return Mechanism(
@@ -105,11 +114,11 @@ def has_known_masses(mechanism: Mechanism) -> bool:
 
 def mass_choices(robot: Robot, joint: int) -> tuple[int, ...]:
     """List the choices of masses: known ones, then unknown ones, where several bodies hang on the
-    joint or the file's masses leave out what the flange holds; with the payload where they are
-    declared."""
-    if declares_masses(robot):
+    joint or the file's masses leave out what the flange holds; with the payload where those of all
+    links that the drive holds are declared."""
+    if knows_held_masses(robot, joint):
         return (DECLARED, UNKNOWN, WITH_PAYLOAD)
-    if joint < robot.n:
+    if joint < robot.n or declares_masses(robot):
         return (DECLARED, UNKNOWN)
     return (DECLARED,)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ..exceptions import sentence_list
 from ..robot.kinematics import Robot
 from .causes import Cause, Named, cos, q, sin
 from .motors import drive_angle, drive_screws, joint_axis, motor_reading, name_drive
@@ -57,7 +58,7 @@ def all_joints(robot: Robot) -> tuple[int, ...]:
 def wave_terms(joint: int, count: float, axis: str, symbol: str) -> tuple[Term, Term]:
     """Build a wave of unknown phase: sine and cosine of `count` times the joint's angle at one
     place of its frame."""
-    angle = _multiply(count, q(joint))
+    angle = scale_angle(count, q(joint))
     sine = Screw(joint, axis, sin(angle))
     cosine = Screw(joint, axis, cos(angle))
     return (Term(f"{symbol}s", (sine,), RUNOUT), Term(f"{symbol}c", (cosine,), RUNOUT))
@@ -66,13 +67,14 @@ def wave_terms(joint: int, count: float, axis: str, symbol: str) -> tuple[Term, 
 def _drive_waves(robot: Robot, joint: int, count: float, symbol: str) -> tuple[Term, Term]:
     """Build a wave of unknown phase by which a drive stands off: `count` to a turn of what its
     encoder reads."""
-    angle = _multiply(count, motor_reading(robot, joint))
+    angle = scale_angle(count, motor_reading(robot, joint))
     sine = drive_screws(robot, joint, sin(angle))
     cosine = drive_screws(robot, joint, cos(angle))
     return (Term(f"{symbol}s", sine, RUNOUT), Term(f"{symbol}c", cosine, RUNOUT))
 
 
-def _multiply(count: float, angle: Cause) -> Cause:
+def scale_angle(count: float, angle: Cause) -> Cause:
+    """Return an angle times a number, or the angle itself where that is 1."""
     return angle if count == 1 else float(count) * angle
 
 
@@ -146,72 +148,26 @@ def encoder_scale(robot: Robot, joint: int) -> Mechanism:
     )
 
 
-# added to how often a turn an axis wobbles: in a circle, with the joint's turning or against it
-WITH, AGAINST = 10, 20
-# how often a turn an axis wobbles, and the parts that usually make it
-WOBBLES = {
-    1: ("once", ("inclined bearing race", "bent shaft")),
-    2: ("twice", ("oval bearing", "oval seat")),
-    3: ("three times", ("bearing seat clamped at three places", "seat with three lobes")),
-}
-
-
-def list_wobbles(robot: Robot, joint: int) -> tuple[int, ...]:
-    """List the ways in which an axis may wobble: how often a turn, in any shape, or in a circle with the
-    joint's turning or against it. Once with it, the axis only stands askew in what it turns."""
-    with_joint = []
-    against = []
-    for often in WOBBLES:
-        against.append(AGAINST + often)
-        if often > 1:
-            with_joint.append(WITH + often)
-    return (*WOBBLES, *with_joint, *against)
-
-
-def axis_wobble(robot: Robot, joint: int, wobble: int) -> Mechanism:
-    """The joint's axis tilts as its bearing turns: once a turn (an inclined race), twice (an oval
-    one) or three times (one with three lobes); in any shape, with four numbers, or in a circle, with two.
-    `wobble`: one of `list_wobbles`."""
-    way, waves = divmod(wobble, WITH)
-    often, parts = WOBBLES[waves]
-    shape = ""
-    nods = wave_terms(joint, waves, "rx", f"x{joint}")
-    terms: tuple[Term, ...] = nods + wave_terms(joint, waves, "ry", f"y{joint}")
-    equation = f"α{joint}, β{joint} ∝ sin({waves} q{joint}), cos({waves} q{joint})"
-    if way:
-        terms = _circle(joint, waves, way)
-        shape = " in a circle"
-        sign, other = ("-", "+") if way > 1 else ("", "-")
-        angle = _multiply(waves, q(joint))
-        equation = f"α{joint} + iβ{joint} = (u {other} iv) exp({sign}i {angle})"
+def slide_scales(robot: Robot) -> Mechanism | None:
+    """All slides of a gantry move more or less than they read by one share, as scales and racks of one
+    maker or one temperature do."""
+    slides = [j for j, joint in enumerate(robot.joints, 1) if joint.prismatic]
+    if len(slides) < 2:
+        return None
+    screws = tuple(Screw(j, "tz", q(j, "mm")) for j in slides)
+    listed = sentence_list([str(j) for j in slides])
     return Mechanism(
-        f"axis-wobble:{joint}",
-        terms,
-        f"The axis of joint {joint} wobbles{shape}, {often} a turn.",
-        equation,
-        "ISO 230-7, axes of rotation: tilt",
-        usual_causes=parts,
+        "slide-scales",
+        (Term("s", screws, SCALE),),
+        f"Slides {listed} move more than they read, by the same share.",
+        "d = (1 + s) q of every slide",
+        "ISO 230-2, linear axes at another temperature",
+        f"Slides {listed} move less than they read, by the same share.",
+        usual_causes=(
+            "scales or racks of slides at another temperature",
+            "unit or compensation of slides in the controller",
+        ),
     )
-
-
-def _circle(joint: int, waves: int, way: int) -> tuple[Term, ...]:
-    """Build the terms of an axis whose tilt goes round, `way` 1 with the joint's turning and 2 against
-    it."""
-    angle = _multiply(waves, q(joint))
-    ahead = cos(angle)
-    aside = sin(angle)
-    yaws: Cause = aside
-    back = -1.0 * ahead
-    if way > 1:
-        yaws = -1.0 * aside
-        back = ahead
-    terms = []
-    for symbol, nod, yaw in (("u", ahead, yaws), ("v", aside, back)):
-        nods = Screw(joint, "rx", nod)
-        turns = Screw(joint, "ry", yaw)
-        term = Term(f"{symbol}{joint}", (nods, turns), RUNOUT)
-        terms.append(term)
-    return tuple(terms)
 
 
 # Couplings: a joint that turns because another one does.

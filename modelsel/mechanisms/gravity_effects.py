@@ -11,7 +11,7 @@ from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
 from .causes import Cause, Named, Number, cos, q, shifted, sign
 from .compliance import DECLARED, OF_BOTH, PAYLOAD, WINDING_PARTS, WITH_PAYLOAD, whole_torque
-from .motors import drive_angle, drive_screws, motor_torque, name_drive
+from .motors import drive_angle, drive_screws, knows_held_masses, motor_torque, name_drive
 from .terms import Mechanism, Screw, Term
 
 PAPER = "Chen & Chao 1987, positioning error analysis of robots with rotary joints, Eq. 6-7"
@@ -102,16 +102,14 @@ def gravity_twist(robot: Robot) -> Mechanism | None:
 
 def list_sides(robot: Robot, joint: int) -> tuple[int, ...]:
     """List what may decide the side on which gravity holds a joint: its torque, and of the elbow the
-    paper's lever of the forearm; where no masses are declared, that alone, and where they are, the
-    torque with the payload's, too."""
+    paper's lever of the forearm; where no masses are declared, that alone, and where all are that it
+    holds, the torque with the payload's, too."""
     pair = find_arm_pair(robot)
-    is_declared = declares_masses(robot)
+    of_both = (BY_WHOLE,) if knows_held_masses(robot, joint) else ()
     if pair is None or joint != pair.fore:
-        if is_declared:
-            return (BY_TORQUE, BY_WHOLE)
-        return (BY_TORQUE,)
-    if is_declared:
-        return (BY_TORQUE, BY_FOREARM, BY_WHOLE)
+        return (BY_TORQUE, *of_both)
+    if declares_masses(robot):
+        return (BY_TORQUE, BY_FOREARM, *of_both)
     return (BY_FOREARM,)
 
 

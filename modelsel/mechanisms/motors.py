@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from ..robot.gravity import find_gravity_joints, find_payload_joints
+from ..robot.gravity import declares_masses_beyond, find_gravity_joints, find_payload_joints
 from ..robot.kinematics import Robot
 from .causes import Cause, Named, q
 from .terms import Screw
@@ -77,6 +77,12 @@ def moved_joints(robot: Robot, motor: int) -> Mapping[int, float]:
     if robot.coupling is None:
         return {motor: 1.0}
     return robot.coupling.moved_joints(motor)
+
+
+def knows_held_masses(robot: Robot, motor: int) -> bool:
+    """Return whether the masses of all links that a motor holds are declared."""
+    first = min(moved_joints(robot, motor))
+    return declares_masses_beyond(robot, first)
 
 
 def drive_screws(robot: Robot, motor: int, cause: Cause) -> tuple[Screw, ...]:

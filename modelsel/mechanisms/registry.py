@@ -26,6 +26,7 @@ from . import (
     gravity_effects,
     instrument,
     motors,
+    wobbles,
 )
 from . import target_names as by_target
 from .entry_joints import Joints, choose_entry_joints
@@ -100,10 +101,11 @@ _BUILTIN: Registry = {
     "gear-eccentricity": PerJoint(drives.gear_eccentricity, drives.revolute_joints),
     "encoder-eccentricity": PerJoint(drives.encoder_eccentricity, drives.revolute_joints),
     "encoder-scale": PerJoint(drives.encoder_scale, drives.all_joints),
+    "slide-scales": drives.slide_scales,
     "gear-ripple": Scanned(
         drives.gear_ripple, drives.list_waves, drives.revolute_joints, more=drives.HIGH_WAVES
     ),
-    "axis-wobble": Scanned(drives.axis_wobble, drives.list_wobbles, drives.revolute_joints),
+    "axis-wobble": Scanned(wobbles.axis_wobble, wobbles.list_wobbles, drives.revolute_joints),
     "joint-compliance": Scanned(
         compliance.joint_compliance, compliance.mass_choices, motors.find_payload_motors
     ),

@@ -11,19 +11,24 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .._typing import Array
+from ..diagnosis.springs_apart import SpringsApart
 from ..diagnosis.whole_torques import find_load
 from ..mechanisms.beams import name_moments
 from ..mechanisms.causes import torque
 from ..mechanisms.compliance import has_known_masses, needs_both_loads, payload_torque, whole_torque
 from ..mechanisms.motors import motor_torque, name_drive
 from ..mechanisms.terms import Mechanism
-from ..robot.gravity import declares_masses
+from ..robot.gravity import declares_masses, declares_masses_beyond, find_gravity_joints
 from ..robot.kinematics import Robot
 from .quantities import MILLI, Usable, express, format_figure
-from .workspace import Fitted, Workspace
+from .workspace import NORMAL_95, Fitted, Range, Workspace
 
 TURNS = slice(3, 6)
+STIFFNESS = "stiffness"
+IF_DECLARED = "stiffness with the arm's masses as declared"
+OF_PAYLOAD = "stiffness under the payload, whatever the arm's masses"
 NO_MASSES = " (no stiffness: the robot file gives no masses)"
+SOME_MASSES = " (no stiffness: the robot file does not give all masses that are held there)"
 
 
 def measure_wind_up(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
@@ -38,14 +43,20 @@ def measure_wind_up(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
             fitted.workspace,
         )
         load = _find_load(mechanism, frame, fitted.workspace)
-        is_known = mechanism.stem == "payload-deflection" or declares_masses(
-            fitted.workspace.problem.robot
-        )
-        words = (
-            f"{_describe_motion(mechanism, frame, fitted.workspace.problem.robot)} at full stretch"
-        )
+        robot = fitted.workspace.problem.robot
+        lacking = "" if mechanism.stem == "payload-deflection" else _find_lacking(robot, frame)
+        words = f"{_describe_motion(mechanism, frame, robot)} at full stretch"
         ends = frame == max(frames)
-        yield from _measure_yield(words, part, _Load(frame, load, is_known, ends))
+        stiffness = IF_DECLARED if needs_both_loads(mechanism) else STIFFNESS
+        yield from _measure_yield(words, part, _Load(frame, load, lacking, ends, stiffness))
+
+
+def measure_springs_apart(apart: SpringsApart) -> Usable:
+    """Measure the stiffness that the payload alone tells of a spring under both loads."""
+    margin = NORMAL_95 * apart.error
+    least = max(apart.compliance - margin, 0.0)
+    compliance = Range(apart.compliance, least, apart.compliance + margin)
+    return express(OF_PAYLOAD, compliance.invert(1.0), "N m/rad")
 
 
 def measure_joint_turn(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
@@ -61,7 +72,8 @@ def measure_joint_turn(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]
     turn, each = fitted.turn(joint, TURNS)
     angle = fitted.length_at(turn, each, row)
     largest = format_figure(float(torques[row]))
-    newton_metres = f" ({largest} N m)" if declares_masses(workspace.problem.robot) else ""
+    is_known = declares_masses_beyond(workspace.problem.robot, joint)
+    newton_metres = f" ({largest} N m)" if is_known else ""
     words = f"turn of joint {joint} at its largest measured torque{newton_metres}"
     moved = fitted.moved_at(row)
     yield express(words, angle.scale(MILLI), "mrad")
@@ -74,9 +86,10 @@ def measure_base_tilt(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
     size = _weigh_turn(mechanism, 1, workspace)
     words = "tilt of the base at full stretch"
     robot = workspace.problem.robot
-    is_known = declares_masses(robot)
-    load = _Load(1, size, is_known, True)
-    yield from _measure_yield(words, fitted, load)
+    # what turns about the vertical alone has hardly a moment on the base
+    first = min(find_gravity_joints(robot), default=1)
+    lacking = _find_lacking(robot, first)
+    yield from _measure_yield(words, fitted, _Load(1, size, lacking, True))
 
 
 def measure_payload_bending(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
@@ -97,18 +110,19 @@ def measure_payload_bending(mechanism: Mechanism, fitted: Fitted) -> Iterator[Us
     yield express(under, angle.scale(MILLI), "mrad")
     yield express(f"{words}, at the target", fitted.moved_at(row), "mm", "at the target there")
     if torque and angle.value:
-        yield express("stiffness", angle.invert(torque), "N m/rad")
+        yield express(STIFFNESS, angle.invert(torque), "N m/rad")
 
 
 @dataclass(frozen=True, eq=False)
 class _Load:
-    """What a frame yields to: `size` (m,), whether it is known in N m, and whether no other frame of the
-    effect follows."""
+    """What a frame yields to: `size` (m,), what is `lacking` to know it in N m, whether no other frame of
+    the effect follows, and what its `stiffness` is called."""
 
     frame: int
     size: Array
-    is_known: bool
+    lacking: str
     ends: bool
+    stiffness: str = STIFFNESS
 
 
 def _measure_yield(words: str, part: Fitted, load: _Load) -> Iterator[Usable]:
@@ -119,16 +133,24 @@ def _measure_yield(words: str, part: Fitted, load: _Load) -> Iterator[Usable]:
     torque = float(load.size[row])
     moved = part.moved_at(row)
     at_target, there = f"{words}, at the target", "at the target there"
-    if not load.is_known:
+    if load.lacking:
         wound = express(words, angle.scale(MILLI), "mrad")
-        yield replace(wound, text=f"{wound.text}{NO_MASSES if load.ends else ''}")
+        yield replace(wound, text=f"{wound.text}{load.lacking if load.ends else ''}")
         yield express(at_target, moved, "mm", there)
         return
     under = f"{words} ({format_figure(torque)} N m)"
     yield express(under, angle.scale(MILLI), "mrad")
     yield express(at_target, moved, "mm", there)
     if torque and angle.value:
-        yield express("stiffness", angle.invert(torque), "N m/rad")
+        yield express(load.stiffness, angle.invert(torque), "N m/rad")
+
+
+def _find_lacking(robot: Robot, joint: int) -> str:
+    """Find what is lacking to know the torque about a joint in N m, in words; nothing where all masses
+    that it carries are declared."""
+    if declares_masses_beyond(robot, joint):
+        return ""
+    return SOME_MASSES if declares_masses(robot) else NO_MASSES
 
 
 def _find_load(mechanism: Mechanism, frame: int, workspace: Workspace) -> Array:

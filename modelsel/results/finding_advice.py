@@ -88,6 +88,10 @@ BY_STEM = {
         ADJUST,
         "the scale of {joint} in the controller where it can be set, else model it",
     ),
+    "slide-scales": (
+        ADJUST,
+        "the scales of the slides in the controller where they can be set, else model them",
+    ),
     "wrist-coupling": (
         ADJUST,
         "the coupling of {joint} in the controller where it can be set, else model it",

@@ -19,6 +19,7 @@ from ..fitting.least_squares import Fit
 from ..fitting.noise import RAD_PER_MM
 from ..selection.evaluation import Evaluation, Split, measure_orientation
 from ..selection.gain import Gain
+from .compliance_numbers import measure_springs_apart
 from .effect_sizes import measure_sizes
 from .map_details import MIN_DISPLACEMENT
 from .quantities import MILLI, Usable, describe_ends, format_figure
@@ -177,12 +178,20 @@ def measure_effects(run: StudyRun) -> FindingFigures:
             rms_mm=float(sizes.rms[k]),
             matters=bool(sizes.matters[k]),
             worst=worst,
-            usable=tuple(list_usable(mechanism, one)),
+            usable=tuple(_list_usable(effect, one)),
             turning=turning,
         )
         each.append(figures)
     small_rms_mrad = MILLI * sizes.small_rms_rad if workspace.oriented else None
     return FindingFigures(tuple(each), sizes.small_rms, small_rms_mrad)
+
+
+def _list_usable(effect: Effect, fitted: Fitted) -> list[Usable]:
+    """List the usable numbers of an effect, with what a payload alone tells of its stiffness."""
+    usable = list_usable(effect.candidate.mechanism, fitted)
+    if effect.apart is not None:
+        usable.append(measure_springs_apart(effect.apart))
+    return usable
 
 
 def bind_findings(run: StudyRun) -> list[Fitted]:

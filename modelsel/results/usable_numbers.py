@@ -272,6 +272,8 @@ def _measure_slope(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
 
 def _describe_driver(mechanism: Mechanism, cause: Cause, robot: Robot) -> str:
     drive = name_drive(robot, mechanism.joint or 1)
+    if mechanism.stem == "slide-scales":
+        return "of every slide"
     if mechanism.stem == "settle":
         return f"of {drive}'s last move"
     if mechanism.stem == "encoder-scale":
@@ -368,7 +370,7 @@ MEASURES: Mapping[str, Measure] = {
     "encoder-eccentricity": _measure_wave,
     "gear-ripple": _measure_wave,
     "axis-wobble": _measure_wave,
-    **dict.fromkeys(("encoder-scale", "wrist-coupling", "settle"), _measure_slope),
+    **dict.fromkeys(("encoder-scale", "slide-scales", "wrist-coupling", "settle"), _measure_slope),
     "servo-lag": measure_servo_lag,
     "thermal-growth": _measure_growth,
     "thermal-expansion": _measure_growth,

@@ -32,6 +32,13 @@ def declares_masses(robot: Robot) -> bool:
     return any(joint.mass for joint in robot.joints)
 
 
+def declares_masses_beyond(robot: Robot, joint: int) -> bool:
+    """Return whether the robot file has the mass of every link that a joint (from 1) carries: what is missing
+    there is missing in the torque about it."""
+    carried = robot.joints[joint - 1 :]
+    return all(one.mass for one in carried)
+
+
 def place_masses(robot: Robot, at: Pose, q: Array) -> tuple[Array, Array]:
     """Return masses (b,) [kg] and their positions (b, 3, m) [mm, frame 0]; body k moves with joint
     k, the last is the target."""

@@ -31,9 +31,12 @@ def find_other_sides(effects: Sequence[Effect], problem: Problem) -> dict[str, O
         share = _sum_probabilities(others) / _sum_probabilities(_list_alike(effect))
         if share >= WORTH_TELLING:
             likeliest = others[0]
-            size = _measure_instrument(effect, likeliest, problem)
+            instrument, estimate = _find_instrument(effect, likeliest)
+            size = _measure(instrument, estimate, problem)
             name = effect.candidate.mechanism.name
-            found[name] = OtherSide(likeliest.candidate.label, share, size)
+            label = likeliest.candidate.label
+            numbers = tuple(estimate.tolist())
+            found[name] = OtherSide(label, share, size, instrument, numbers)
     return found
 
 
@@ -53,15 +56,15 @@ def _sum_probabilities(entries: Sequence[Entry]) -> float:
     return sum(entry.probability for entry in entries)
 
 
-def _measure_instrument(effect: Effect, other: Entry, problem: Problem) -> float:
-    """Measure the rms [mm] of the error of the instrument, which is the effect or the other one.
+def _find_instrument(effect: Effect, other: Entry) -> tuple[Mechanism, Array]:
+    """Find the error of the instrument, which is the effect or the other one, with its numbers.
 
     What both models predict of the measurements is the same, so that the arms without the
     instrument differ by just that, lengths of links that have taken up a scale among it."""
     own = effect.candidate.mechanism
     if is_misreading(own):
-        return _measure(own, effect.estimate, problem)
-    return _measure(other.candidate.mechanism, other.estimate, problem)
+        return own, effect.estimate
+    return other.candidate.mechanism, other.estimate
 
 
 def _measure(mechanism: Mechanism, estimate: Array, problem: Problem) -> float:

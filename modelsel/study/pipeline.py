@@ -61,6 +61,7 @@ from .inputs import list_candidates
 from .model_ladder import choose_constants, evaluate_effects, evaluate_ladder, remeasure
 from .noise_parts import note_untold_parts
 from .open_rows import exclude_open_rows
+from .payload_springs import add_payload_springs
 from .preparation import prepare, read_instrument
 from .rehearsed_folds import rehearse_folds
 from .result import Result
@@ -205,7 +206,7 @@ def _analyse_prepared(
     uncertainty = assess_uncertainty(study, split, chosen, say)
     explanation = Explanation(
         findings=doubt_gravity(
-            widen_errors(findings, chosen.fit, uncertainty.parameters),
+            _measure_loads(findings, split, diagnosis, chosen.fit, uncertainty.parameters),
             warnings,
             split.problem.robot,
         ),
@@ -261,6 +262,19 @@ def find_data_faults(
     rng = generator(study.seed, "null")
     faults = find_misplaced_rows(split.problem, split.outliers, chosen.fit, rng)
     return drop_known_faults(faults, notes)
+
+
+def _measure_loads(
+    findings: Sequence[Finding],
+    split: Split,
+    diagnosis: Diagnosis,
+    fitted: Fit,
+    parameters: Sequence[Parameter],
+) -> tuple[Finding, ...]:
+    """Return the findings with the standard uncertainties of the chosen model's parameters, each spring
+    under two loads with what it is under each."""
+    widened = widen_errors(findings, fitted, parameters)
+    return add_payload_springs(widened, split.training, diagnosis.fit)
 
 
 def widen_errors(

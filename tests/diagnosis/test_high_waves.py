@@ -152,7 +152,8 @@ def test_waves_that_readings_do_not_tell_apart_are_told_as_alike(rng: np.random.
     if 360 - waved.count <= HIGH_WAVES[-1]:
         assert effect.claim.level == "drivers"
         said = describe_proven(effect)
-        assert "waves a turn do the same at these readings as the fitted wave" in said
+        same = "waves a turn do the same at these readings as the fitted wave"
+        assert f"{same} of {fitted:g} a turn;" in said
         assert "turns unevenly" not in said
 
 

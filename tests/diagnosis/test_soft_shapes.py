@@ -20,6 +20,7 @@ from modelsel.diagnosis.company import Company, list_company
 from modelsel.diagnosis.procedure import diagnose
 from modelsel.diagnosis.signatures import PROVEN
 from modelsel.diagnosis.soft_shapes import (
+    build_cornered_springs,
     build_soft_springs,
     generate_soft_springs,
     generate_soft_steps,
@@ -67,6 +68,25 @@ def test_springs_that_stiffen_rise_less_and_less_with_the_torque(robot: str, rng
         assert (slopes > 0).all()
         assert (np.diff(slopes) < 1e-12).all()
     assert not list(build_soft_springs(problem, 1))
+
+
+@pytest.mark.parametrize("robot", ARMS)
+@seeds(1)
+def test_a_spring_of_two_stiffnesses_has_a_corner(robot: str, rng: Rng) -> None:
+    """Two numbers: what turns with the torque throughout, and what does so up to the corner."""
+    problem = drawn(robot, rng, 60)
+    load = np.asarray(problem.value("torque3"))
+    corners = set()
+    for spring in build_cornered_springs(problem, 3):
+        always, softer = (np.asarray(t.screws[0].cause.of(problem.state)) for t in spring.terms)
+        np.testing.assert_allclose(always / load, always[0] / load[0])
+        most = np.abs(softer).max()
+        is_soft = np.abs(softer) < (1 - 1e-9) * most
+        np.testing.assert_allclose(softer[is_soft], 2 * always[is_soft])
+        assert np.abs(load[is_soft]).max() < np.abs(load[~is_soft]).min()
+        corners.add(round(most / np.abs(always).max(), 6))
+    assert len(corners) == 3
+    assert not list(build_cornered_springs(problem, 1))
 
 
 @seeds(1)
@@ -133,10 +153,11 @@ def test_springs_stand_in_the_place_of_findings_that_follow_the_torque(rng: Rng)
         mechanism(f"{name}:3", problem.robot) for name in ("joint-compliance", "backlash")
     )
     springs = list_springs(problem, place, (twist, step))
-    assert len(springs) == 12
+    assert len(springs) == 15
+    assert set(build_cornered_springs(problem, 3)) < set(springs)
     readings = [build_cell(place, (q(j),)) for j in (1, 2, 3)]
     assert not list_springs(problem, place, readings[1:])
-    assert list_springs(problem, place, (twist, readings[2]))
+    assert len(list_springs(problem, place, (twist, readings[2]))) == 12
     assert not list_springs(problem, place, (twist, readings[0]))
     assert not list_springs(problem, place, (twist, build_cell(place, (Named("approach3"),))))
     follows = build_cell(place, (torque(3) + 1e-6 * q(1),))

@@ -101,7 +101,8 @@ def test_a_ripple_is_named_only_where_its_number_can_be_told(
         assert found.claim.level == "drivers"
         _, fitted = find_own_wave(found.candidate.mechanism)
         assert {fitted, *found.claim.waves} >= {waves, 36 - waves, 36 + waves}
-        assert "waves a turn do the same at these readings as the fitted wave" in said
+        same = "waves a turn do the same at these readings as the fitted wave"
+        assert f"{same} of {fitted:g} a turn;" in said
         assert "turns unevenly" not in said
     else:
         assert found.claim.level == "cause"
@@ -110,6 +111,7 @@ def test_a_ripple_is_named_only_where_its_number_can_be_told(
 
 
 def test_other_numbers_are_told_few_or_many() -> None:
-    assert describe_aliases((8, 28)).startswith("8 and 28 waves a turn do the same")
-    many = describe_aliases((8, 28, 64, 80))
+    assert describe_aliases((8, 28), 44).startswith("8 and 28 waves a turn do the same")
+    many = describe_aliases((8, 28, 64, 80), 44)
     assert many.startswith("8, 28, 64 and other numbers of waves a turn do the same")
+    assert "as the fitted wave of 44 a turn; readings" in many

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from builders import bind, seeds
 from exact import flanges_of
+from held_loads import place_of, torques_of
 from searches import find_cause, search_separated
 
 from modelsel._typing import Array
@@ -32,48 +33,22 @@ ROWS = 100
 TOOL = np.array([60.0, -50.0, 80.0])
 # kg
 RATED = {"irb120": 3.0, "ur5e": 5.0, "ur10e": 12.0}
-WEIGHT = np.array([0.0, 0.0, -9.81])
 Rng = np.random.Generator
 
 
-def draw(rng: Rng) -> tuple[Robot, Array, Array]:
+def draw(rng: Rng, rows: int = ROWS) -> tuple[Robot, Array, Array]:
     """An arm with its masses, readings and a payload of each."""
     name = str(rng.choice(list(RATED)))
     arm = load_robot(name)
-    payload = RATED[name] * rng.choice([0.0, 0.4, 1.0], ROWS)
-    return arm, arm.draw(rng, ROWS), payload
-
-
-def frame_of(arm: Robot, joint: int, q: Array) -> Array:
-    """The poses (m, 4, 4) of the link that a joint moves, which turns with it."""
-    lower = replace(arm, joints=arm.joints[:joint], last=np.eye(4), coupling=None)
-    return flanges_of(lower, q[:, :joint])
-
-
-def place_of(frames: Array, point: Array) -> Array:
-    return np.asarray(frames[:, :3, 3] + frames[:, :3, :3] @ point)
-
-
-def torques_of(arm: Robot, joint: int, q: Array, payload: Array) -> tuple[Array, Array]:
-    """Torques (m,) about a joint [N m]: of the masses beyond it, and of a payload at the target."""
-    at_joint = frame_of(arm, joint, q)
-    origin, axis = at_joint[:, :3, 3], at_joint[:, :3, 2]
-    own = np.zeros(len(q))
-    for k in range(joint, arm.n + 1):
-        link = arm.joints[k - 1]
-        lever = place_of(frame_of(arm, k, q), np.array(link.com)) - origin
-        moment = np.cross(lever / 1e3, (link.mass or 0.0) * WEIGHT)
-        own += np.sum(moment * axis, axis=1)
-    lever = place_of(flanges_of(arm, q), TOOL) - origin
-    moment = np.cross(lever / 1e3, payload[:, None] * WEIGHT)
-    return own, np.sum(moment * axis, axis=1)
+    payload = RATED[name] * rng.choice([0.0, 0.4, 1.0], rows)
+    return arm, arm.draw(rng, rows), payload
 
 
 def diagnose(arm: Robot, q: Array, payload: Array, joint: int, turn: Array, rng: Rng) -> Diagnosis:
     """Diagnose an arm of which one joint turns by something (m,)."""
     turned = q.copy()
     turned[:, joint - 1] += turn
-    seen = place_of(flanges_of(arm, turned), TOOL) + rng.normal(0, NOISE_MM, (ROWS, 3))
+    seen = place_of(flanges_of(arm, turned), TOOL) + rng.normal(0, NOISE_MM, (len(q), 3))
     at = bind(arm, build_measurements(q, seen, covariates={"payload_kg": payload}), TOOL)
     base = Model((mechanism("geometric", arm),))
     return search_separated(at, base, build_candidates(at, base, every(arm)))
@@ -88,7 +63,7 @@ def has_payload(effect: Effect) -> bool:
 def test_a_spring_under_weight_and_payload_is_one_finding(rng: Rng) -> None:
     arm, q, payload = draw(rng)
     joint = int(rng.integers(2, 4))
-    own, held = torques_of(arm, joint, q, payload)
+    own, held = torques_of(arm, joint, q, payload, TOOL)
     size = rng.uniform(1e-3, 2e-3) / np.abs(own + held).max()
     diagnosis = diagnose(arm, q, payload, joint, size * (own + held), rng)
     effect = find_cause(diagnosis, f"joint-compliance:{joint}")
@@ -102,7 +77,7 @@ def test_a_spring_under_weight_and_payload_is_one_finding(rng: Rng) -> None:
 def test_a_spring_under_the_payload_alone_keeps_its_name(rng: Rng) -> None:
     arm, q, payload = draw(rng)
     joint = int(rng.integers(2, 4))
-    _, held = torques_of(arm, joint, q, payload)
+    _, held = torques_of(arm, joint, q, payload, TOOL)
     turn = rng.uniform(1e-3, 2e-3) * held / np.abs(held).max()
     find_cause(diagnose(arm, q, payload, joint, turn, rng), f"payload-deflection:{joint}")
 
@@ -111,7 +86,7 @@ def test_a_spring_under_the_payload_alone_keeps_its_name(rng: Rng) -> None:
 @seeds(1, 2)
 def test_a_spring_under_the_own_weight_alone_keeps_its_name(rng: Rng) -> None:
     arm, q, payload = draw(rng)
-    own, _ = torques_of(arm, 3, q, payload)
+    own, _ = torques_of(arm, 3, q, payload, TOOL)
     turn = rng.uniform(1e-3, 2e-3) * own / np.abs(own).max()
     effect = find_cause(diagnose(arm, q, payload, 3, turn, rng), "joint-compliance:3")
     assert not has_payload(effect)
@@ -123,7 +98,7 @@ def test_masses_that_are_declared_wrongly_leave_the_payload_its_own_spring(rng: 
     """The spring under the payload is told with its stiffness, whatever the masses; it is not what another
     one under both leaves."""
     arm, q, payload = draw(rng)
-    own, held = torques_of(arm, 2, q, payload)
+    own, held = torques_of(arm, 2, q, payload, TOOL)
     wrongly = float(rng.choice([0.4, 2.5]))
     size = rng.uniform(1.5e-3, 2.5e-3) / np.abs(wrongly * own + held).max()
     diagnosis = diagnose(arm, q, payload, 2, size * (wrongly * own + held), rng)
@@ -140,7 +115,7 @@ def test_masses_that_are_declared_wrongly_leave_the_payload_its_own_spring(rng: 
 @seeds(1, 2)
 def test_play_falls_to_the_side_of_weight_and_payload(rng: Rng) -> None:
     arm, q, payload = draw(rng)
-    own, held = torques_of(arm, 3, q, payload)
+    own, held = torques_of(arm, 3, q, payload, TOOL)
     turn = rng.uniform(2e-4, 4e-4) * np.sign(own + held)
     effect = find_cause(diagnose(arm, q, payload, 3, turn, rng), "backlash:3")
     assert has_payload(effect)
@@ -151,7 +126,7 @@ def test_play_falls_to_the_side_of_weight_and_payload(rng: Rng) -> None:
 def test_a_spring_that_stiffens_under_weight_and_payload_is_one_finding(rng: Rng) -> None:
     """Twice as soft up to a fifth of the largest torque as beyond it."""
     arm, q, payload = draw(rng)
-    own, held = torques_of(arm, 2, q, payload)
+    own, held = torques_of(arm, 2, q, payload, TOOL)
     share = (own + held) / np.abs(own + held).max()
     size = np.abs(share)
     knee = 0.2
@@ -161,6 +136,29 @@ def test_a_spring_that_stiffens_under_weight_and_payload_is_one_finding(rng: Rng
     assert effect.claim is not None
     assert effect.claim.bend == "stiffens"
     assert has_payload(effect)
+
+
+@pytest.mark.slow
+@seeds(4, 5, 8)
+def test_a_soft_zone_within_which_nothing_was_measured_is_no_play(rng: Rng) -> None:
+    """Both turn a joint by a step and in proportion beyond it; of a strain wave gear the step is a zone of
+    small torques where it is softer."""
+    arm, q, payload = draw(rng, 6 * ROWS)
+    joint = int(rng.integers(2, 4))
+    own, held = torques_of(arm, joint, q, payload, TOOL)
+    share = (own + held) / np.abs(own + held).max()
+    soft = 0.15
+    kept = np.flatnonzero(np.abs(share) > soft)[: ROWS // 2]
+    stiffly = share + 0.7 * soft * np.sign(share)
+    turn = rng.uniform(1e-3, 2e-3) * stiffly[kept]
+    diagnosis = diagnose(arm, q[kept], payload[kept], joint, turn, rng)
+    assert diagnosis.effects
+    for effect in diagnosis.effects:
+        claim = effect.claim
+        assert claim is not None
+        place, drivers, shape, _ = claim.levels
+        assert min(place, drivers) >= PROVEN
+        assert shape < PROVEN
 
 
 @seeds(1)
@@ -246,6 +244,25 @@ def test_an_arm_without_masses_has_no_whole_torque(rng: Rng) -> None:
         built = build_mechanisms(name, massless)
         assert not any("payload_kg" in one.names() for one in built)
         assert len(build_mechanisms(name, arm)) == len(built) + 1
+
+
+@pytest.mark.parametrize("missing", [0.0, None])
+@seeds(1)
+def test_where_a_mass_is_missing_there_is_no_whole_torque(missing: float | None, rng: Rng) -> None:
+    """About the joints that carry that link, whatever others weigh."""
+    arm = load_robot("ur5e")
+    payload = rng.choice([0.0, 5.0], 40)
+    links = [2, 3, 4]
+    for link in links:
+        joints = list(arm.joints)
+        joints[link - 1] = replace(joints[link - 1], mass=missing)
+        at = build_problem(replace(arm, joints=tuple(joints)), payload, rng)
+        seen = {joint for joint in links if sees_both_loads(at, joint)}
+        assert seen == {joint for joint in links if joint > link}
+        whole = list_whole(at)
+        offered = {joint for joint in links if f"joint-compliance:{joint}" in whole}
+        assert offered == seen
+        assert {joint for joint in links if f"backlash:{joint}" in whole} <= seen
 
 
 @seeds(1)

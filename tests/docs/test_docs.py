@@ -175,10 +175,9 @@ def test_what_is_drawn_is_what_the_chain_does() -> None:
     import numpy as np
 
     from modelsel.fitting.design import compute_design
-    from modelsel.robot.files import load_robot
 
-    robot = load_robot(catalogue.ROBOT)
     for stem in BUILTIN:
+        robot = catalogue.host(stem)
         mechanism = catalogue.shown(stem, robot)
         at, _ = arm.sweep(robot, arm.driver(mechanism))
         small = 1e-3 * arm.values(mechanism.terms)

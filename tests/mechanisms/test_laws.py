@@ -13,6 +13,7 @@ import laws
 import numpy as np
 import pytest
 from builders import drawn, one
+from slid_arms import put_on_slides
 
 from modelsel.exceptions import StudyError
 from modelsel.fitting import design
@@ -103,10 +104,9 @@ def test_all_of_modelsels_own_can_be_stored(robot) -> None:
 
 
 def test_every_entry_is_tried() -> None:
-    """No entry of the table escapes: each applies to at least one built-in robot."""
-    assert {m.name.partition(":")[0] for robot in ROBOTS.values() for m in every_of(robot)} == set(
-        BUILTIN
-    )
+    """No entry of the table escapes: each applies to at least one built-in robot, or to the gantry."""
+    robots = [*ROBOTS.values(), put_on_slides(2)]
+    assert {m.name.partition(":")[0] for robot in robots for m in every_of(robot)} == set(BUILTIN)
 
 
 @pytest.mark.parametrize("name", ["backlash:3", "wrist-coupling", "tracker-drift"])

@@ -174,7 +174,29 @@ def test_a_spring_under_weight_and_payload_has_its_stiffness_where_both_together
     wound = usable["wind-up of joint 2 under the arm's weight and the payload at full stretch"]
     assert wound.value == pytest.approx(2e-5 * largest * 1e3)
     assert f"({format_figure(float(largest))} N m)" in wound.quantity
-    assert usable["stiffness"].value == pytest.approx(1 / 2e-5)
+    assert "stiffness" not in usable
+    assert usable["stiffness with the arm's masses as declared"].value == pytest.approx(1 / 2e-5)
+
+
+@pytest.mark.parametrize("missing", [0.0, None])
+def test_without_one_of_the_masses_that_a_joint_carries_it_has_no_stiffness(
+    missing: float | None,
+) -> None:
+    """A torque without that mass is none in N m; that of a joint beyond the link is."""
+    joints = list(ARM.joints)
+    joints[2] = replace(joints[2], mass=missing)
+    arm = replace(ARM, joints=tuple(joints))
+    for joint in (3, 5):
+        one = build_mechanisms(f"joint-compliance:{joint}", ARM)[0]
+        effect = fitted(one, 2e-5)
+        problem = replace(effect.workspace.problem, robot=arm)
+        there = replace(effect, workspace=replace(effect.workspace, problem=problem))
+        usable = list_usable(one, there)
+        has_stiffness = any(number.quantity == "stiffness" for number in usable)
+        told = " ".join(number.text for number in usable)
+        assert has_stiffness == (joint == 5)
+        assert ("does not give all masses" in told) == (joint == 3)
+        assert ("N m" in told) == (joint == 5)
 
 
 def test_two_functions_of_one_torque_have_the_size_of_their_sum_and_no_stiffness() -> None:
