@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from builders import bind, seeds
 from exact import flanges_of
+from held_loads import WEIGHT, frame_of, place_of
 from scipy.spatial.transform import Rotation
 from searches import find_cause, search_separated
-from test_whole_torques import RATED, TOOL, WEIGHT, frame_of, place_of
+from test_whole_torques import RATED, TOOL
 
 from modelsel._typing import Array
 from modelsel.diagnosis.candidate_kinds import CandidateKind
