@@ -7,14 +7,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from .._hashing import HASH_FACTOR
 from .._linalg import connected_components
 from .._typing import Array, Index, Mask
 from ..exceptions import count_words, write_rounded
 
 # visits that may lie as close along one direction before a search tree compares them
 MAX_LAG = 16
-# pairs beyond which visits lie so densely that no posture stands apart from others
-MOST_PAIRS = 3_000_000
+# grids whose cells join readings, cells as multiples of RETURN, and by how much the grids of joints are
+# shifted against each other
+GRIDS, CELL, GOLDEN = 16, 2.0, 0.618
 # the most by which the readings of one posture differ: what drives leave of a motion's goal
 RETURN_RAD, RETURN_MM = 1e-3, 1.0
 # how many times as far as its readings differ the next posture must be
@@ -29,25 +31,9 @@ def find_near_pairs(readings: Array, within: float, max_lag: int = MAX_LAG) -> I
         from scipy.spatial import cKDTree
 
         tree = cKDTree(readings)
-        pairs = tree.query_pairs(within, p=np.inf, output_type="ndarray")
+        found: Index = tree.query_pairs(within, p=np.inf, output_type="ndarray")
+        return found
     return pairs
-
-
-def _find_few_near_pairs(readings: Array, within: float) -> Index | None:
-    """Find near pairs as `find_near_pairs` does; None where visits lie so densely that there are more
-    than MOST_PAIRS."""
-    pairs = _compare_along(readings, within, MAX_LAG)
-    if pairs is not None:
-        return pairs
-    from scipy.spatial import cKDTree
-
-    tree = cKDTree(readings)
-    # every pair in both orders, and every visit with itself
-    counted = tree.count_neighbors(tree, within, p=np.inf) - len(readings)
-    if counted > 2 * MOST_PAIRS:
-        return None
-    found: Index = tree.query_pairs(within, p=np.inf, output_type="ndarray")
-    return found
 
 
 def _compare_along(readings: Array, within: float, max_lag: int) -> Index | None:
@@ -83,28 +69,55 @@ def _measure_distances(readings: Array, pairs: Index) -> Array:
 
 
 def find_returns(readings: Array, prismatic: Sequence[bool] = ()) -> Index:
-    """Find pairs (k, 2) of visits to one posture: their readings (v, n), rad or mm, differ by little, and
-    by far less than from those of any other posture; `prismatic`: joints that slide.
+    """Find pairs (k, 2) of visits to one posture, each with its first: their readings (v, n), rad or mm,
+    differ by little, and by far less than from those of any other posture; `prismatic`: joints that
+    slide.
 
-    None is found where visits lie so densely that no posture stands apart, as on a path that was
-    sampled finely."""
+    None is found where no posture stands apart from others, as on a path that was sampled finely."""
     scaled = _scale(readings, prismatic)
-    none = np.zeros((0, 2), dtype=np.intp)
-    pairs = _find_few_near_pairs(scaled, 1.0)
-    if pairs is None or not len(pairs):
-        return none
-    posture = connected_components(len(scaled), pairs)
+    posture = _join_near(scaled)
+    _, first, count = np.unique(posture, return_index=True, return_counts=True)
+    several = count > 1
+    if not several.any() or len(first) < 2:
+        return np.zeros((0, 2), dtype=np.intp)
     spread = compute_spread(scaled, posture)
-    _, first = np.unique(posture, return_index=True)
-    around = _find_few_near_pairs(scaled[first], APART)
-    if around is None:
-        return none
-    nearest = np.full(len(spread), np.inf)
-    distance = _measure_distances(scaled[first], around)
-    for side in around.T:
-        np.minimum.at(nearest, side, distance)
-    stands_apart: Mask = (spread <= 1.0) & (nearest >= APART * spread)
-    return pairs[stands_apart[posture[pairs[:, 0]]]]
+    candidates = np.flatnonzero(several & (spread <= 1.0))
+    nearest = _measure_nearest(scaled[first], candidates)
+    stands_apart = np.zeros(len(first), bool)
+    stands_apart[candidates] = nearest >= APART * spread[candidates]
+    pairs = np.stack([first[posture], np.arange(len(scaled))], 1)
+    is_return = stands_apart[posture] & (pairs[:, 0] != pairs[:, 1])
+    return pairs[is_return]
+
+
+def _join_near(scaled: Array) -> Index:
+    """Number (v,) what visits with near readings have in common, or a chain of them: those that are in
+    one cell of a grid. Of several grids, each shifted against the others in every joint, one nearly
+    always has the readings of a posture in one cell."""
+    number = np.arange(len(scaled))
+    pairs = [np.zeros((0, 2), dtype=np.intp)]
+    for grid in range(GRIDS):
+        keys = np.zeros(len(scaled), np.uint64)
+        for joint, column in enumerate(scaled.T):
+            shift = (grid / GRIDS + GOLDEN * joint) % 1
+            cells = np.floor(column / CELL + shift).astype(np.int64)
+            keys = (keys ^ cells.view(np.uint64)) * HASH_FACTOR
+            keys ^= keys >> np.uint64(32)
+        ordered = np.sort(keys)
+        if (ordered[1:] == ordered[:-1]).any():
+            _, first, cell = np.unique(keys, return_index=True, return_inverse=True)
+            together = np.stack([first[cell], number], 1)
+            pairs.append(together)
+    return connected_components(len(scaled), np.concatenate(pairs))
+
+
+def _measure_nearest(scaled: Array, some: Index) -> Array:
+    """Measure how far (k,) the nearest other is from some."""
+    from scipy.spatial import cKDTree
+
+    tree = cKDTree(scaled)
+    distances, _ = tree.query(scaled[some], k=2, p=np.inf)
+    return np.asarray(distances[:, 1])
 
 
 def are_near(readings: Array, posture: Index, prismatic: Sequence[bool] = ()) -> Mask:

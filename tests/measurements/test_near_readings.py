@@ -8,7 +8,6 @@ import pytest
 from builders import seeds
 
 from modelsel._random import generator
-from modelsel.measurements import near_readings
 from modelsel.measurements.measurements import build_measurements
 from modelsel.measurements.near_readings import describe_returns, find_returns
 from modelsel.measurements.visits import SAME_READING, number_blocks
@@ -69,11 +68,26 @@ def test_a_fine_grid_around_a_posture_is_no_return(rng: np.random.Generator) -> 
     assert not len(find_returns(readings))
 
 
-def test_visits_too_dense_to_count_have_no_returns(monkeypatch, rng: np.random.Generator) -> None:
-    """An arm at rest that is logged thousands of times with a flickering encoder."""
-    monkeypatch.setattr(near_readings, "MOST_PAIRS", 1000)
-    readings, _ = come_back(rng, 1e-5, postures=1, times=200)
-    assert not len(find_returns(readings))
+@seeds(1)
+@pytest.mark.parametrize(("postures", "times"), [(5, 1500), (20, 600)])
+def test_postures_that_are_read_very_often_are_told_apart(
+    rng: np.random.Generator, postures: int, times: int
+) -> None:
+    """An arm at rest is logged thousands of times with a flickering encoder."""
+    readings, posture = come_back(rng, 1e-5, postures, times)
+    assert blocks_are(posture, number_blocks(readings, np.arange(len(readings))))
+
+
+@seeds(1, 2)
+@pytest.mark.parametrize("reach", [0.0004, 0.002])
+def test_a_stage_that_moves_hardly_at_all_has_no_returns(
+    rng: np.random.Generator, reach: float
+) -> None:
+    """No posture stands apart from others where all are as near as readings of one."""
+    readings = rng.uniform(-reach, reach, (80, 3))
+    assert len(np.unique(number_blocks(readings, np.arange(80)))) == 80
+    slides = (True, True, True)
+    assert len(np.unique(number_blocks(1000 * readings, np.arange(80), slides))) == 80
 
 
 @seeds(1, 2, 3)
