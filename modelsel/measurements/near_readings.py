@@ -87,7 +87,8 @@ def find_returns(readings: Array, prismatic: Sequence[bool] = ()) -> Index:
     stands_apart[candidates] = nearest >= APART * spread[candidates]
     pairs = np.stack([first[posture], np.arange(len(scaled))], 1)
     is_return = stands_apart[posture] & (pairs[:, 0] != pairs[:, 1])
-    return pairs[is_return]
+    returns: Index = pairs[is_return]
+    return returns
 
 
 def _join_near(scaled: Array) -> Index:
@@ -100,7 +101,8 @@ def _join_near(scaled: Array) -> Index:
         keys = np.zeros(len(scaled), np.uint64)
         for joint, column in enumerate(scaled.T):
             shift = (grid / GRIDS + GOLDEN * joint) % 1
-            cells = np.floor(column / CELL + shift).astype(np.int64)
+            # no cell is minus zero, which has other bits than zero
+            cells = np.floor(column / CELL + shift) + 0.0
             keys = (keys ^ cells.view(np.uint64)) * HASH_FACTOR
             keys ^= keys >> np.uint64(32)
         ordered = np.sort(keys)
