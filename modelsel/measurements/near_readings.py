@@ -18,9 +18,15 @@ MAX_LAG = 16
 # shifted against each other
 GRIDS, CELL, GOLDEN = 16, 2.0, 0.618
 # the most by which the readings of one posture differ: what drives leave of a motion's goal
-RETURN_RAD, RETURN_MM = 1e-3, 1.0
+RETURN_RAD, RETURN_MM = 5e-3, 5.0
+# share of it by which they differ at most where a nominal arm knows how far it moved between them
+PREDICTED = 0.2
 # how many times as far as its readings differ the next posture must be
 APART = 20.0
+# cells of the grids that join readings, as multiples of RETURN: the finest tell fine grids of postures apart
+CELLS = (4.0, 1.0, 0.25, 0.0625, 0.015625)
+# grids of a cell, and by how much those of joints are shifted against each other
+GRIDS, GOLDEN = 6, 0.618
 
 
 def find_near_pairs(readings: Array, within: float, max_lag: int = MAX_LAG) -> Index:
@@ -75,13 +81,18 @@ def find_returns(readings: Array, prismatic: Sequence[bool] = ()) -> Index:
 
     None is found where no posture stands apart from others, as on a path that was sampled finely."""
     scaled = _scale(readings, prismatic)
-    posture = _join_near(scaled)
+    found = [_find_apart(scaled, cell) for cell in CELLS]
+    return np.concatenate(found)
+
+
+def _find_apart(scaled: Array, cell: float) -> Index:
+    """Find pairs (k, 2) of visits to postures that stand apart among those that grids tell apart."""
+    posture = _join_near(scaled / cell)
     _, first, count = np.unique(posture, return_index=True, return_counts=True)
-    several = count > 1
-    if not several.any() or len(first) < 2:
-        return np.zeros((0, 2), dtype=np.intp)
     spread = compute_spread(scaled, posture)
-    candidates = np.flatnonzero(several & (spread <= 1.0))
+    candidates = np.flatnonzero((count > 1) & (spread <= 1.0))
+    if not len(candidates) or len(first) < 2:
+        return np.zeros((0, 2), dtype=np.intp)
     nearest = _measure_nearest(scaled[first], candidates)
     stands_apart = np.zeros(len(first), bool)
     stands_apart[candidates] = nearest >= APART * spread[candidates]
@@ -94,7 +105,7 @@ def find_returns(readings: Array, prismatic: Sequence[bool] = ()) -> Index:
 def _join_near(scaled: Array) -> Index:
     """Number (v,) what visits with near readings have in common, or a chain of them: those that are in
     one cell of a grid. Of several grids, each shifted against the others in every joint, one nearly
-    always has the readings of a posture in one cell."""
+    always has readings in one cell that differ by far less."""
     number = np.arange(len(scaled))
     pairs = [np.zeros((0, 2), dtype=np.intp)]
     for grid in range(GRIDS):
@@ -102,7 +113,7 @@ def _join_near(scaled: Array) -> Index:
         for joint, column in enumerate(scaled.T):
             shift = (grid / GRIDS + GOLDEN * joint) % 1
             # no cell is minus zero, which has other bits than zero
-            cells = np.floor(column / CELL + shift) + 0.0
+            cells = np.floor(column + shift) + 0.0
             keys = (keys ^ cells.view(np.uint64)) * HASH_FACTOR
             keys ^= keys >> np.uint64(32)
         ordered = np.sort(keys)
@@ -123,11 +134,11 @@ def _measure_nearest(scaled: Array, some: Index) -> Array:
 
 
 def are_near(readings: Array, posture: Index, prismatic: Sequence[bool] = ()) -> Mask:
-    """Say of each posture (k,) whether the readings (v, n) of its visits differ by as little as those of
-    returns."""
+    """Say of each posture (k,) whether the readings (v, n) of its visits differ by so little that a nominal
+    arm knows how far it moved between them."""
     scaled = _scale(readings, prismatic)
     spread = compute_spread(scaled, posture)
-    return np.asarray(spread <= 1.0)
+    return np.asarray(spread <= PREDICTED)
 
 
 def _scale(readings: Array, prismatic: Sequence[bool]) -> Array:

@@ -29,7 +29,7 @@ def blocks_are(posture: np.ndarray, blocks: np.ndarray) -> bool:
 
 
 @seeds(1, 2, 3)
-@pytest.mark.parametrize("jitter", [0.0, 1e-5, 1e-4, 4e-4])
+@pytest.mark.parametrize("jitter", [0.0, 1e-5, 1e-4, 4e-4, 2e-3])
 def test_rows_of_a_posture_are_in_one_block(rng: np.random.Generator, jitter: float) -> None:
     readings, posture = come_back(rng, jitter)
     assert blocks_are(posture, number_blocks(readings, np.arange(len(readings))))
@@ -44,7 +44,7 @@ def test_many_visits_by_a_tree_are_those_of_few(rng: np.random.Generator) -> Non
 @seeds(1, 2)
 def test_a_slide_has_a_bound_in_millimetres(rng: np.random.Generator) -> None:
     readings, posture = come_back(rng, 1e-4)
-    readings[:, 2] = 1000 * readings[:, 2] + rng.uniform(-0.3, 0.3, len(readings))
+    readings[:, 2] = 1000 * readings[:, 2] + rng.uniform(-1.5, 1.5, len(readings))
     visits = np.arange(len(readings))
     slides = (False, False, True, False, False, False)
     assert blocks_are(posture, number_blocks(readings, visits, slides))
@@ -61,11 +61,40 @@ def test_a_path_that_is_sampled_finely_has_no_returns(rng: np.random.Generator) 
 
 @seeds(1, 2)
 def test_a_fine_grid_around_a_posture_is_no_return(rng: np.random.Generator) -> None:
-    """Steps of half a milliradian of one joint, measured on purpose."""
-    step = np.zeros((3, 6))
-    step[:, 1] = [0.0, 5e-4, 1.5e-3]
-    readings = load_robot("ur5").draw(rng, 1) + step
-    assert not len(find_returns(readings))
+    """Steps of one joint, measured on purpose, alone and with other postures."""
+    step = np.zeros((4, 6))
+    step[:, 1] = [0.0, 1e-3, 2.5e-3, 6e-3]
+    planned = load_robot("ur5").draw(rng, 20)
+    assert not len(find_returns(planned[0] + step))
+    assert not len(find_returns(np.concatenate([planned[0] + step, planned[1:]])))
+
+
+@seeds(1, 2)
+def test_postures_of_a_fine_grid_are_told_apart(rng: np.random.Generator) -> None:
+    """Steps of one and a half milliradians in three joints, each posture measured four times."""
+    steps = np.stack(np.meshgrid(*[np.arange(5)] * 3), -1).reshape(-1, 3) * 1.5e-3
+    posture = rng.permutation(np.repeat(np.arange(125), 4))
+    readings = np.tile(load_robot("ur5").draw(rng, 1), (500, 1))
+    readings[:, :3] += steps[posture] + rng.uniform(-1e-5, 1e-5, (500, 3))
+    assert blocks_are(posture, number_blocks(readings, np.arange(500)))
+
+
+@seeds(1, 2)
+def test_a_visit_that_stopped_short_is_of_its_posture(rng: np.random.Generator) -> None:
+    readings, posture = come_back(rng, 2e-5)
+    short = np.flatnonzero(posture == 3)[0]
+    readings[short, 3] -= 1.7e-3
+    assert blocks_are(posture, number_blocks(readings, np.arange(len(readings))))
+
+
+@seeds(1, 2, 3)
+def test_pairs_are_found_whatever_their_difference(rng: np.random.Generator) -> None:
+    planned = load_robot("ur5").draw(rng, 60)
+    size = rng.uniform(2e-6, 3e-3, (60, 1))
+    again = planned + size * rng.choice([-1.0, 1.0], planned.shape)
+    readings = np.concatenate([planned, again])
+    posture = np.tile(np.arange(60), 2)
+    assert blocks_are(posture, number_blocks(readings, np.arange(120)))
 
 
 @seeds(1)
@@ -79,7 +108,7 @@ def test_postures_that_are_read_very_often_are_told_apart(
 
 
 @seeds(1, 2)
-@pytest.mark.parametrize("reach", [0.0004, 0.002])
+@pytest.mark.parametrize("reach", [0.002, 0.01])
 def test_a_stage_that_moves_hardly_at_all_has_no_returns(
     rng: np.random.Generator, reach: float
 ) -> None:
