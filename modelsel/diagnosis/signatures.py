@@ -13,12 +13,14 @@ import numpy as np
 from .._typing import Index
 from ..measurements.reference_temperature import TEMPERATURE
 from ..measurements.state_names import StateKind, is_where_target_is, parse_state_name, state_kind
+from ..mechanisms.compliance import PAYLOAD
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
 from .data_faults import FaultKind
 from .finer_waves import QUARTER
 from .late_temperatures import is_late
 from .simple_shapes import find_own_wave
+from .slide_steps import SET_UP_STEP
 from .warm_ups import find_time_constant
 
 # what a candidate says at each level, part by part
@@ -36,6 +38,8 @@ SHAPELESS = (
     CandidateKind.SHAPE,
 )
 
+# links that bend, by the moment at their end or all along
+BENT = ("link-bending", "payload-bending")
 # a torque of 1 kg at a frame is the torque of masses that are not known
 WITHOUT_MASSES = {
     StateKind.UNIT_TORQUE: StateKind.TORQUE,
@@ -44,7 +48,7 @@ WITHOUT_MASSES = {
 # what all kinds stand for that say where the target is
 SEEN = "the target's place"
 # names of one move that no measurement tells apart: a bump and a step of the tracker
-SAME_MOVE = {FaultKind.TRACKER_BUMPED.label: "tracker-step"}
+SAME_MOVE = {FaultKind.TRACKER_BUMPED.label: SET_UP_STEP}
 # kinds of one shape, whatever its constant: the reading at which it sets in, the number of slow waves,
 # the way over which hysteresis builds up, the moment at which a wave changes
 OF_ONE_SHAPE = (
@@ -87,11 +91,30 @@ def read_parts(candidate: Candidate, told: Candidate) -> Parts:
 
 
 def _read_place(candidate: Candidate) -> Hashable:
+    part = _find_part(candidate)
+    if part is not None:
+        return part
     return frozenset(candidate.mechanism.names_by_place()) or None
+
+
+def _find_part(candidate: Candidate) -> Hashable:
+    """Find what a registered mechanism says moves, where its screws do not tell that: a link bends alike by
+    all its forms, and an instrument that steps along the first joint's slide is not that joint."""
+    if not candidate.registered:
+        return None
+    mechanism = candidate.mechanism
+    if mechanism.stem in BENT:
+        return "link", mechanism.joint
+    is_shift = mechanism.name == SET_UP_STEP and len(mechanism.terms) == 1
+    return "instrument" if is_shift else None
 
 
 def read_drivers(candidate: Candidate) -> Hashable:
     """Read where a candidate moves the arm, and on what that depends; None for nothing."""
+    part = _find_part(candidate)
+    if part is not None:
+        mechanism = candidate.mechanism
+        return part, mechanism.stem, PAYLOAD in mechanism.names()
     return frozenset(list_drivers_by_place(candidate).items()) or None
 
 

@@ -225,20 +225,22 @@ def _known_floor(
         return _instrument_floor(data, instrument)
     if data.gauges is not None:
         return None, None
-    measured = _compare_repeats(problem) or from_target_pairs(data)
+    measured = compare_repeats(problem, problem.placed) or from_target_pairs(data)
     return measured, None
 
 
-def _compare_repeats(problem: Problem) -> Floor | None:
-    """Estimate the floor from repeats, less how far the nominal arm moves between their readings."""
-    repeats = find_repeats(problem.data, problem.placed, is_predicted=True)
+def compare_repeats(problem: Problem, placed: Index) -> Floor | None:
+    """Estimate the floor from repeats as `from_repeats` does, less how far the nominal arm moves between
+    their readings."""
+    repeats = find_repeats(problem.data, placed, is_predicted=True)
     if repeats.freedom < MIN_FREEDOM:
         return None
-    again = problem.take(repeats.is_repeated)
+    is_repeated = repeats.is_repeated
+    again = problem.take(is_repeated)
     starts = range(0, len(again), ROWS_TOGETHER)
     pieces = [again.take(slice(start, start + ROWS_TOGETHER)) for start in starts]
     residuals = again.data.position - np.concatenate([_predict_nominal(one) for one in pieces])
-    return from_repeats(again.data, again.placed, residuals)
+    return from_repeats(again.data, placed[is_repeated], residuals)
 
 
 def _predict_nominal(problem: Problem) -> Array:

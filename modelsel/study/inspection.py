@@ -11,7 +11,7 @@ from ..exceptions import DataError, NotEstimable, write_percent
 from ..fitting.design import Model, residuals
 from ..fitting.identifiability import as_drawn, identify
 from ..fitting.least_squares import fit
-from ..fitting.noise import Floor, from_repeats, from_target_pairs
+from ..fitting.noise import Floor, compare_repeats, from_repeats, from_target_pairs
 from ..fitting.prior import fitted_terms
 from ..fitting.problem import Problem
 from ..fitting.reduction import reduce_problem
@@ -30,6 +30,7 @@ from ..setup.mistakes import MIN_CONFIGURATIONS
 from ..setup.plausibility import MAX_DISTANCE_SHARE
 from ..setup.registration import register
 from .checks import check_setup
+from .near_rows import note_returns
 from .told_parts import describe_told_parts
 
 MAX_REGISTERED_POINTS = 2000
@@ -47,7 +48,7 @@ MIN_MOTION = 1e-6  # rad or mm: a joint with a smaller range does not move
 def inspect_measurements(robot: Robot, data: Measurements) -> dict[str, Any]:
     """Describe measurements: what they hold, and what they determine of the geometry."""
     found = _find_placement(robot, data)
-    notes = [*data.notes, *_note_rounding(data, found)]
+    notes = [*data.notes, *note_returns(data), *_note_rounding(data, found)]
     return {
         "rows": len(data),
         "configurations": data.configurations,
@@ -58,7 +59,7 @@ def inspect_measurements(robot: Robot, data: Measurements) -> dict[str, Any]:
         "covariates": sorted(data.covariates),
         "joints": _describe_joints(robot, data),
         "repeats": data.configurations - count_distinct(data.block),
-        "noise_floor": _estimate_noise_floor(data),
+        "noise_floor": _estimate_noise_floor(data, found),
         **_describe_geometry(robot, data, found),
         "repeatability": _describe_repeatability(robot, data),
         **_describe_registration(found),
@@ -111,14 +112,18 @@ def _describe_joints(robot: Robot, data: Measurements) -> list[dict[str, Any]]:
     return joints
 
 
-def _estimate_noise_floor(data: Measurements) -> dict[str, Any] | None:
+def _estimate_noise_floor(data: Measurements, found: _Placement | None) -> dict[str, Any] | None:
     """Return the noise floor by repeats or target pairs, else as the data state it; None without all
     of these.
 
     Nothing says yet whether the instrument stood alike for every group: each is taken by itself."""
     if data.gauges is not None:
         return None
-    floor = from_repeats(data, data.group) or from_target_pairs(data)
+    if found is None:
+        repeated = from_repeats(data, data.group)
+    else:
+        repeated = compare_repeats(found.problem, data.group)
+    floor = repeated or from_target_pairs(data)
     if floor is None and data.sigma is not None:
         floor = Floor(float(np.sqrt(np.square(data.sigma).mean())), "stated")
     if floor is None:
@@ -184,7 +189,7 @@ def _note_rounding(data: Measurements, found: _Placement | None) -> tuple[Note, 
         return ()
     left = np.linalg.norm(fitted.residuals(problem)[:, :3], axis=1)
     left_mm = float(np.sqrt(np.square(left).mean()))
-    known = _estimate_noise_floor(data)
+    known = _estimate_noise_floor(data, found)
     floor_mm = 0.0 if known is None else known["coordinate_mm"] * np.sqrt(3)
     return note_rounding(problem, fitted, left_mm, float(floor_mm))
 

@@ -18,6 +18,7 @@ from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate, build_candidates
 from modelsel.diagnosis.nested_loads import find_nested_loads
 from modelsel.diagnosis.outcome import Diagnosis
+from modelsel.diagnosis.signatures import read_signatures
 from modelsel.fitting.design import Model
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
@@ -252,3 +253,18 @@ def test_springs_of_a_link_are_one_model_in_three_names_form_by_form() -> None:
         assert loads.tell_apart([own, whole]) == (own, load)
         assert loads.list_other_names(own, [load, own]).tolist() == [whole]
     assert loads.tell_apart([0, 5]) == (0, 5)
+
+
+def test_forms_of_a_link_that_bends_say_the_same_of_it() -> None:
+    """Its own weight, that with the payload, and the payload are told apart; how it bends is not, though the
+    forms move it in other ways."""
+    arm = load_robot("ur10e")
+    forms = [one for one in every(arm) if one.name in ("link-bending:2", "payload-bending:2")]
+    found = [Candidate(one, CandidateKind.MECHANISM, 0.1) for one in forms]
+    loads = [(one.stem, "payload_kg" in one.names()) for one in forms]
+    places = {frozenset(one.names_by_place()) for one in forms}
+    assert len(places) > 1
+    place, drivers, _, _ = read_signatures(found)
+    assert len(set(place.tolist())) == 1
+    said = set(zip(loads, drivers.tolist(), strict=True))
+    assert len(said) == len(set(loads)) == len(set(drivers.tolist())) == 3

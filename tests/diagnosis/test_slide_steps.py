@@ -11,9 +11,11 @@ import pytest
 from builders import bind, seeds, small_arm
 from exact import flanges_of
 
+from modelsel.diagnosis.candidate_kinds import CandidateKind
+from modelsel.diagnosis.candidates import Candidate
 from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.diagnosis.session_steps import place_steps
-from modelsel.diagnosis.signatures import LEVELS, PROVEN
+from modelsel.diagnosis.signatures import LEVELS, PROVEN, read_signatures
 from modelsel.fitting.design import Model, compute_design
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
@@ -113,3 +115,19 @@ def test_it_is_looked_for_with_the_steps_of_the_instrument(
     zeros = [one for one in every(scara) if one.name == "zero-step:3"]
     placed = place_steps(at, np.ones(ROWS, bool), zeros)
     assert {one.name for one in placed} == {"zero-step:3"}
+
+
+@seeds(1)
+def test_a_step_along_the_first_slide_is_not_that_joint(rng: np.random.Generator) -> None:
+    """Both move frame 1 along its axis; only the joint is off its reading."""
+    arm = small_arm(prismatic=True)
+    first, second, slide = arm.joints
+    track = replace(arm, joints=(slide, first, second))
+    at = measure(track, rng, 0.5)
+    (twin, *_) = list_along(at)
+    placed = place_steps(at, np.ones(ROWS, bool), every(track))
+    zero = next(one for one in placed if one.name == "zero-step:1")
+    assert zero.names_by_place().keys() == twin.names_by_place().keys()
+    found = [Candidate(one, CandidateKind.MECHANISM, 0.1) for one in (zero, twin)]
+    for level in read_signatures(found):
+        assert level[0] != level[1]
