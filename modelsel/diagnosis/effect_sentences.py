@@ -167,8 +167,8 @@ def describe_apart(apart: SpringsApart) -> str:
     if apart.low is not None and apart.high is not None:
         ends = f" (95 %: {write_rounded(apart.low, 2)} to {write_rounded(apart.high, 2)})"
     return (
-        f"the arm's own weight winds it up {times} times{ends} as much as its stiffness under the payload "
-        "and the masses as declared give"
+        f"the arm's own weight winds it up {times} times{ends} as far as the masses as declared would, with "
+        "the stiffness that it has under the payload"
     )
 
 
