@@ -14,9 +14,6 @@ from ..exceptions import count_words, write_rounded
 
 # visits that may lie as close along one direction before a search tree compares them
 MAX_LAG = 16
-# grids whose cells join readings, cells as multiples of RETURN, and by how much the grids of joints are
-# shifted against each other
-GRIDS, CELL, GOLDEN = 16, 2.0, 0.618
 # the most by which the readings of one posture differ: what drives leave of a motion's goal
 RETURN_RAD, RETURN_MM = 5e-3, 5.0
 # share of it by which they differ at most where a nominal arm knows how far it moved between them
