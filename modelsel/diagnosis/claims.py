@@ -233,15 +233,17 @@ def _is_contrary(mechanism: Mechanism, view: View) -> bool:
 
 
 def _agree(search: Search, g: int) -> list[Array]:
-    """Mask (4, G) the candidates that agree with candidate g up to each level."""
+    """Mask (4, G) the candidates that agree with candidate g up to each level, and other forms of it."""
     masks: list[Array] = []
+    form = search.forms[g]
+    other_forms = (search.forms == form) & (form >= 0)
     agree = np.ones(len(search.candidates), bool)
     for known in search.signatures:
         own = known[g]
         says = own >= 0
         same = known == own
         agree = agree & same & says
-        masks.append(agree)
+        masks.append(agree | other_forms)
     return masks
 
 

@@ -169,7 +169,7 @@ def _claim(concluded: Conclusion, weighed: Weighed) -> tuple[Effect, ...]:
     visited = concluded.weighed
     members = visited.members.union(chosen)
     parts = {g: read_parts(search.candidates[g], search.acting_parts[g]) for g in members}
-    included = visited.include(chosen, search.signatures, parts)
+    included = visited.include(chosen, search.signatures, parts, search.forms)
     numbers = number_repeated([effect.candidate.label for effect in effects])
     claimed = []
     for g, effect, number in zip(chosen, effects, numbers, strict=True):

@@ -97,16 +97,25 @@ def _read_place(candidate: Candidate) -> Hashable:
     return frozenset(candidate.mechanism.names_by_place()) or None
 
 
-def _find_part(candidate: Candidate) -> Hashable:
-    """Find what a registered mechanism says moves, where its screws do not tell that: a link bends alike by
-    all its forms, and an instrument that steps along the first joint's slide is not that joint."""
-    if not candidate.registered:
-        return None
+def _find_part(candidate: Candidate) -> str | None:
+    """Find what a registered mechanism says moves, where its screws do not tell that: an instrument that
+    steps along the first joint's slide is not that joint."""
     mechanism = candidate.mechanism
-    if mechanism.stem in BENT:
-        return "link", mechanism.joint
     is_shift = mechanism.name == SET_UP_STEP and len(mechanism.terms) == 1
-    return "instrument" if is_shift else None
+    return "instrument" if candidate.registered and is_shift else None
+
+
+def number_forms(found: Sequence[Candidate]) -> Index:
+    """Number (G,) the links that registered mechanisms have bend, each under one load: by all of their forms
+    they say the same, though they move the link's end in other ways; -1 of anything else."""
+    known: dict[Hashable, int] = {}
+    numbers = np.full(len(found), -1)
+    for g, candidate in enumerate(found):
+        mechanism = candidate.mechanism
+        if candidate.registered and mechanism.stem in BENT:
+            load = mechanism.name, PAYLOAD in mechanism.names()
+            numbers[g] = known.setdefault(load, len(known))
+    return numbers
 
 
 def read_drivers(candidate: Candidate) -> Hashable:

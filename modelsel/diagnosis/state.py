@@ -41,7 +41,7 @@ from .options import DEFAULT_OPTIONS
 from .residual_tests import adjust_residual, compute_flip_p, draw_flips, partition_rows
 from .scan import Response, Scan
 from .screening import build_scan_for
-from .signatures import read_signatures
+from .signatures import number_forms, read_signatures
 from .simulation_counts import FLIP_DRAWS, NULL_DRAWS
 from .views import View, Views, build_view
 
@@ -170,6 +170,11 @@ class Search:
     def signatures(self) -> tuple[Index, ...]:
         """What every candidate says of the arm, level by level."""
         return read_signatures(self.acting_parts)
+
+    @cached_property
+    def forms(self) -> Index:
+        """The numbers (G,) of links that bend, by all forms alike."""
+        return number_forms(self.candidates)
 
     def fit_model(
         self, chosen: Sequence[int], start: Fit | None, step_mm: float = COARSE_MM

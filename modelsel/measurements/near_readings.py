@@ -18,8 +18,9 @@ MAX_LAG = 16
 RETURN_RAD, RETURN_MM = 5e-3, 5.0
 # share of it by which they differ at most where a nominal arm knows how far it moved between them
 PREDICTED = 0.2
-# how many times as far as its readings differ the next posture must be
-APART = 20.0
+# how many times as far as its readings differ the next posture must be, of few joints so many more that of
+# this many postures drawn at random one is so near to another
+APART, BY_CHANCE = 20.0, 1e5
 # cells of the grids that join readings, as multiples of RETURN: the finest tell fine grids of postures apart
 CELLS = (4.0, 1.0, 0.25, 0.0625, 0.015625)
 # grids of a cell, and by how much those of joints are shifted against each other
@@ -91,8 +92,10 @@ def _find_apart(scaled: Array, cell: float) -> Index:
     if not len(candidates) or len(first) < 2:
         return np.zeros((0, 2), dtype=np.intp)
     nearest = _measure_nearest(scaled[first], candidates)
+    moving = max(int((np.ptp(scaled, axis=0) > 1.0).sum()), 1)
+    apart = max(APART, BY_CHANCE ** (1 / moving))
     stands_apart = np.zeros(len(first), bool)
-    stands_apart[candidates] = nearest >= APART * spread[candidates]
+    stands_apart[candidates] = nearest >= apart * spread[candidates]
     pairs = np.stack([first[posture], np.arange(len(scaled))], 1)
     is_return = stands_apart[posture] & (pairs[:, 0] != pairs[:, 1])
     returns: Index = pairs[is_return]

@@ -36,7 +36,7 @@ def declares_masses_beyond(robot: Robot, joint: int) -> bool:
     """Return whether the robot file has the mass of every link that a joint (from 1) carries: what is missing
     there is missing in the torque about it."""
     carried = robot.joints[joint - 1 :]
-    return all(one.mass for one in carried)
+    return all(one.mass is not None for one in carried)
 
 
 def place_masses(robot: Robot, at: Pose, q: Array) -> tuple[Array, Array]:

@@ -18,7 +18,7 @@ from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate, build_candidates
 from modelsel.diagnosis.nested_loads import find_nested_loads
 from modelsel.diagnosis.outcome import Diagnosis
-from modelsel.diagnosis.signatures import read_signatures
+from modelsel.diagnosis.signatures import number_forms
 from modelsel.fitting.design import Model
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
@@ -264,7 +264,7 @@ def test_forms_of_a_link_that_bends_say_the_same_of_it() -> None:
     loads = [(one.stem, "payload_kg" in one.names()) for one in forms]
     places = {frozenset(one.names_by_place()) for one in forms}
     assert len(places) > 1
-    place, drivers, _, _ = read_signatures(found)
-    assert len(set(place.tolist())) == 1
-    said = set(zip(loads, drivers.tolist(), strict=True))
-    assert len(said) == len(set(loads)) == len(set(drivers.tolist())) == 3
+    numbers = number_forms(found).tolist()
+    assert len(set(zip(loads, numbers, strict=True))) == len(set(loads)) == len(set(numbers)) == 3
+    assert min(numbers) == 0
+    assert number_forms([replace(found[0], kind=CandidateKind.CELL)]).tolist() == [-1]

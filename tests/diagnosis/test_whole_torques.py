@@ -246,16 +246,15 @@ def test_an_arm_without_masses_has_no_whole_torque(rng: Rng) -> None:
         assert len(build_mechanisms(name, arm)) == len(built) + 1
 
 
-@pytest.mark.parametrize("missing", [0.0, None])
 @seeds(1)
-def test_where_a_mass_is_missing_there_is_no_whole_torque(missing: float | None, rng: Rng) -> None:
+def test_where_a_mass_is_missing_there_is_no_whole_torque(rng: Rng) -> None:
     """About the joints that carry that link, whatever others weigh."""
     arm = load_robot("ur5e")
     payload = rng.choice([0.0, 5.0], 40)
     links = [2, 3, 4]
     for link in links:
         joints = list(arm.joints)
-        joints[link - 1] = replace(joints[link - 1], mass=missing)
+        joints[link - 1] = replace(joints[link - 1], mass=None)
         at = build_problem(replace(arm, joints=tuple(joints)), payload, rng)
         seen = {joint for joint in links if sees_both_loads(at, joint)}
         assert seen == {joint for joint in links if joint > link}
