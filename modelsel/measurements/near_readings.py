@@ -186,5 +186,6 @@ def describe_returns(
     visits = count_words(int(differs[posture].sum()), "configuration")
     return (
         f"The arm came back to {postures} with readings that differ by up to {size}. These {visits} are taken as "
-        "repeats, which stay together in folds and split: what lasts at a posture says nothing of others."
+        "repeats, which stay together in folds and in a split that is drawn: what lasts at a posture says nothing "
+        "of others."
     )

@@ -57,16 +57,20 @@ def number_blocks(
 ) -> Index:
     """Number blocks of rows whose readings agree to 1e-6 or are of one posture, or that share a
     configuration; `max_lag`: see `find_near_pairs`."""
+    equal = number_equal(q, configuration, max_lag)
+    _, first = np.unique(equal, return_index=True)
+    returns = find_returns(q[first], prismatic)
+    joined = connected_components(len(first), returns)
+    return joined[equal]
+
+
+def number_equal(q: Array, configuration: Index, max_lag: int = MAX_LAG) -> Index:
+    """Number rows whose readings agree to 1e-6, or that share a configuration; `max_lag`: see
+    `find_near_pairs`."""
     _, first, visit = np.unique(configuration, return_index=True, return_inverse=True)
-    visit = visit.reshape(-1)
-    readings = q[first]
-    equal = find_near_pairs(readings, SAME_READING, max_lag)
-    returns = find_returns(readings, prismatic)
-    pairs = np.concatenate([equal, returns])
-    if not len(pairs):
-        return np.asarray(visit, dtype=np.intp)
-    blocks = connected_components(len(readings), pairs)
-    return blocks[visit]
+    pairs = find_near_pairs(q[first], SAME_READING, max_lag)
+    blocks = connected_components(len(first), pairs)
+    return blocks[visit.reshape(-1)]
 
 
 def derive_path(

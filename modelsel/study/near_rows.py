@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array, Index
-from ..exceptions import write_percent
+from ..exceptions import count_words, write_percent
 from ..measurements.measurements import Measurements
 from ..measurements.near_readings import describe_returns
 from ..measurements.visits import SAME_READING
@@ -45,12 +45,27 @@ def note_near_rows(data: Measurements, estimation: NDArray[np.bool_]) -> list[No
     return [Note("held-out-near", sentence)]
 
 
-def note_returns(data: Measurements) -> list[Note]:
-    """Note configurations that are taken as repeats of a posture though their readings differ."""
+def note_returns(data: Measurements, estimation: NDArray[np.bool_] | None = None) -> list[Note]:
+    """Note configurations that are taken as repeats of a posture though their readings differ, and such
+    postures on both sides of a split; `estimation`: mask (m,) of the rows that fit."""
     _, first = np.unique(data.configuration, return_index=True)
     readings, posture = data.q[first], data.block[first]
     sentence = describe_returns(readings, posture, data.prismatic, SAME_READING)
-    return [] if sentence is None else [Note("postures-repeated", sentence)]
+    if sentence is None:
+        return []
+    notes = [Note("postures-repeated", sentence)]
+    fits = np.ones(len(data), bool) if estimation is None else estimation
+    torn = np.intersect1d(data.block[fits], data.block[~fits])
+    if len(torn):
+        count = count_words(len(torn), "posture")
+        notes.append(
+            Note(
+                "held-out-near",
+                f"{count} of the estimation rows came back among the held-out ones, as the split's column has it: "
+                "the held-out error says nothing of other postures.",
+            )
+        )
+    return notes
 
 
 def _compare_distances(data: Measurements, estimation: NDArray[np.bool_]) -> float | None:

@@ -87,7 +87,7 @@ def prepare(
     _check_enough_configurations(study, data, estimation)
     folds = _assign_folds(study, data, estimation)
     notes += _warn_of_nothing_held_out(estimation)
-    notes += note_near_rows(data, estimation) + note_returns(data)
+    notes += note_near_rows(data, estimation) + note_returns(data, estimation)
     split = Split(
         problem,
         estimation,

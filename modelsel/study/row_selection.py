@@ -14,6 +14,7 @@ from ..config.study_tables import SplitTable
 from ..exceptions import StudyError, count_words, sentence_list
 from ..measurements.features import KINDS
 from ..measurements.measurements import Measurements
+from ..measurements.visits import number_equal
 from ..notices import Note
 from ..selection.splits import split_configurations
 from ..setup.feature_positions import find_unmeasured_features
@@ -73,9 +74,13 @@ def _split_by_labels(table: SplitTable, data: Measurements, labels: NDArray[np.o
             f'split.column: every row of column {table.column} is "{table.held_out}": '
             "nothing is left for estimation."
         )
-    torn = np.intersect1d(data.block[held_out], data.block[~held_out])
+    together = data.block
+    if data.gauges is None:
+        # readings that differ a little are noted, not refused: the column may mean it
+        together = number_equal(data.q, data.configuration)
+    torn = np.intersect1d(together[held_out], together[~held_out])
     if len(torn):
-        first = np.flatnonzero(data.block == torn[0])[0]
+        first = np.flatnonzero(together == torn[0])[0]
         place = data.where.name_row(int(data.row[first]))
         raise StudyError(
             "split.column: equal joint readings are on both sides of the split "

@@ -9,6 +9,7 @@ import pytest
 from builders import seeds
 
 from modelsel.config.study_file import Study
+from modelsel.exceptions import StudyError
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
 from modelsel.study.runner import run_study
@@ -49,3 +50,28 @@ def test_what_lasts_at_a_posture_is_no_cause(rng: np.random.Generator) -> None:
     assert "postures-repeated" in {note.code for note in record.warnings}
     (part,) = [one for one in record.repeatability if one.part in {"configuration", "joint 1"}]
     assert part.share > 0.5
+
+
+def split_by_part(frame: pd.DataFrame) -> Study:
+    return Study(
+        name="later",
+        measurements=frame,
+        robot={"name": "ur5", "tool_mm": list(TOOL)},
+        model={"base": ["geometric"], "candidates": []},
+        split={"column": "part"},
+    )
+
+
+@pytest.mark.integration
+@seeds(1)
+def test_a_column_may_hold_out_visits_of_the_same_postures(rng: np.random.Generator) -> None:
+    """As a check some weeks later at the postures of the calibration does; it is said what that is worth."""
+    frame = measure(rng, 0.0).iloc[:100]
+    frame["part"] = np.where(np.arange(100) < 60, "estimation", "held-out")
+    record = run_study(split_by_part(frame), sampling=False).record
+    (said,) = [one.sentence for one in record.warnings if one.code == "held-out-near"]
+    assert "came back among the held-out ones" in said
+    again = frame.copy()
+    again.iloc[70, :6] = again.iloc[10, :6]
+    with pytest.raises(StudyError, match="equal joint readings are on both sides"):
+        run_study(split_by_part(again), sampling=False)
