@@ -123,6 +123,7 @@ class Search:
             "close_steps",
             "acting_parts",
             "signatures",
+            "forms",
         ):
             new.__dict__.pop(known, None)
         new._see(self.candidates + tuple(more), self.first.fitted, self.columns)
