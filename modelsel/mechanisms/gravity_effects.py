@@ -6,9 +6,10 @@ from __future__ import annotations
 import numpy as np
 
 from .._typing import Array
-from ..robot.gravity import ArmPair, G, declares_masses, find_arm_pair, loads_base
+from ..robot.gravity import ArmPair, declares_masses, find_arm_pair, loads_base
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
+from .bending import OF_ONE_KG
 from .causes import Cause, Named, Number, cos, q, shifted, sign
 from .compliance import DECLARED, OF_BOTH, PAYLOAD, WINDING_PARTS, WITH_PAYLOAD, whole_torque
 from .motors import drive_angle, drive_screws, knows_held_masses, motor_torque, name_drive
@@ -27,8 +28,6 @@ EDGES = tuple(5.0 * k for k in range(18))
 ROCKING_BASE = ("loose anchor bolts", "foot that does not stand", "base plate that is not flat")
 # parts that usually make a base tilt
 YIELDING_BASE = ("floor or pedestal", "anchor bolts", "bearing of joint 1")
-# N m of 1 kg a millimetre aside
-OF_ONE_KG = Number(G / 1e3, "N m/kg mm")
 UNITS = np.eye(3)
 NAMES = "xyz"
 

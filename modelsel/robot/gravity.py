@@ -33,10 +33,10 @@ def declares_masses(robot: Robot) -> bool:
 
 
 def declares_masses_beyond(robot: Robot, joint: int) -> bool:
-    """Return whether the robot file has the mass of every link that a joint (from 1) carries: what is missing
-    there is missing in the torque about it."""
-    carried = robot.joints[joint - 1 :]
-    return all(one.mass is not None for one in carried)
+    """Return whether the robot file has the mass of every link that a joint (from 1) carries, and these weigh
+    something: what is missing there is missing in the torque about it."""
+    carried = [one.mass for one in robot.joints[joint - 1 :]]
+    return None not in carried and any(carried)
 
 
 def place_masses(robot: Robot, at: Pose, q: Array) -> tuple[Array, Array]:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from builders import bind, seeds
 from exact import flanges_of
+from held_loads import WEIGHT, frame_of, place_of
 from scipy.spatial.transform import Rotation
 from searches import find_cause, search_separated
 
@@ -34,20 +35,9 @@ ROWS = 100
 TOOL = np.array([60.0, -50.0, 80.0])
 # kg
 RATED = {"irb120": 3.0, "ur5e": 5.0, "ur10e": 12.0}
-WEIGHT = np.array([0.0, 0.0, -9.81])
 # pieces that a beam is cut into
 PIECES = 400
 Rng = np.random.Generator
-
-
-def frame_of(arm: Robot, joint: int, q: Array) -> Array:
-    """The poses (m, 4, 4) of the link that a joint moves, which moves with it."""
-    lower = replace(arm, joints=arm.joints[:joint], last=np.eye(4), coupling=None)
-    return flanges_of(lower, q[:, :joint])
-
-
-def place_of(frames: Array, point: Array) -> Array:
-    return np.asarray(frames[:, :3, 3] + frames[:, :3, :3] @ point)
 
 
 def load_end(arm: Robot, link: int, q: Array, payload: Array) -> tuple[Array, Array, Array]:

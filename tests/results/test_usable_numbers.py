@@ -178,6 +178,19 @@ def test_a_spring_under_weight_and_payload_has_its_stiffness_where_both_together
     assert usable["stiffness with the arm's masses as declared"].value == pytest.approx(1 / 2e-5)
 
 
+def test_an_arm_whose_masses_are_all_zero_has_no_stiffness() -> None:
+    """As files have them whose author knew none: its torques are those of 1 kg everywhere."""
+    massless = tuple(replace(joint, mass=0.0) for joint in ARM.joints)
+    one = build_mechanisms("joint-compliance:3", ARM)[0]
+    effect = fitted(one, 2e-5)
+    arm = replace(ARM, joints=massless)
+    problem = replace(effect.workspace.problem, robot=arm)
+    there = replace(effect, workspace=replace(effect.workspace, problem=problem))
+    usable = list_usable(one, there)
+    assert not [number for number in usable if number.quantity.startswith("stiffness")]
+    assert "the robot file gives no masses" in " ".join(number.text for number in usable)
+
+
 def test_without_one_of_the_masses_that_a_joint_carries_it_has_no_stiffness() -> None:
     """A torque without that mass is none in N m; that of a joint beyond the link is."""
     joints = list(ARM.joints)
