@@ -157,13 +157,15 @@ def one_at_a_time(lock: Path) -> Iterator[None]:
     """Wait until no other process holds a lock, a folder; a process that died holding it is not
     waited for without end."""
     until = time.monotonic() + LONGEST_WAIT
-    while time.monotonic() < until:
+    is_ours = False
+    while not is_ours and time.monotonic() < until:
         try:
             lock.mkdir()
-            break
+            is_ours = True
         except FileExistsError:
             time.sleep(0.1)
     try:
         yield
     finally:
-        lock.rmdir()
+        if is_ours:
+            lock.rmdir()

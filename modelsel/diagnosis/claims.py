@@ -125,7 +125,7 @@ def weigh_own_functions(
     Together these are one function of that angle: of one part the shape is proven only with those
     of the others, unless they are small beside it."""
     shape = SHAPED.index(True)
-    place = search.signatures[0]
+    place = search.traits.signatures[0]
     size = {}
     for g in chosen:
         if _is_own_function(search, g):
@@ -173,7 +173,7 @@ def price_rivals(search: Search, g: int) -> Price:
     """Price the rivals of a candidate by all candidates of its question, and by a cell of the error map."""
     candidates = search.candidates
     finding = sum_constants(candidates, g)
-    cell = search.cell_prior or finding
+    cell = search.traits.cell_prior or finding
     return Price(finding, cell)
 
 
@@ -210,7 +210,7 @@ def weigh_alone(
     most = max(probability[:count].max(), of_listed[SHAPED.index(True)])
     if unlike and probability[count + best] > np.exp(MIN_LOG_ODDS) * most:
         return weighed._replace(better=others[best])
-    agreed = find_agreed(search.signatures, g, probability[:count], levels)
+    agreed = find_agreed(search.traits.signatures, g, probability[:count], levels)
     if agreed is not None:
         return weighed._replace(better=search.candidates[agreed])
     known = np.isfinite(log_prior)
@@ -235,10 +235,10 @@ def _is_contrary(mechanism: Mechanism, view: View) -> bool:
 def _agree(search: Search, g: int) -> list[Array]:
     """Mask (4, G) the candidates that agree with candidate g up to each level, and other forms of it."""
     masks: list[Array] = []
-    form = search.forms[g]
-    other_forms = (search.forms == form) & (form >= 0)
+    form = search.traits.forms[g]
+    other_forms = (search.traits.forms == form) & (form >= 0)
     agree = np.ones(len(search.candidates), bool)
-    for known in search.signatures:
+    for known in search.traits.signatures:
         own = known[g]
         says = own >= 0
         same = known == own

@@ -75,7 +75,7 @@ class Conclusion:
         """The same, as many as claims may be weighed by."""
         search = self.explored.search
         view, chosen = self.view, self.chosen
-        names = search.nested_names
+        names = search.traits.nested_names
         weighed = weigh_models(search, view, chosen)
         return weighed.tell_apart(names, chosen)
 
@@ -141,7 +141,7 @@ def _name_again(concluded: Conclusion) -> Conclusion:
     since, beside a step of some of its targets, or beside another spring of its joint."""
     explored, chosen, view = concluded.explored, concluded.chosen, concluded.view
     search, path = explored.search, explored.progress.path
-    apart = search.nested_names.tell_apart(chosen)
+    apart = search.traits.nested_names.tell_apart(chosen)
     is_apart = set(apart) == set(chosen)
     if is_apart and all(holds_name(search, g, view) for g in chosen):
         return concluded
@@ -168,13 +168,13 @@ def _claim(concluded: Conclusion, weighed: Weighed) -> tuple[Effect, ...]:
     effects = concluded.diagnosis.effects
     visited = concluded.weighed
     members = visited.members.union(chosen)
-    parts = {g: read_parts(search.candidates[g], search.acting_parts[g]) for g in members}
-    included = visited.include(chosen, search.signatures, parts, search.forms)
+    parts = {g: read_parts(search.candidates[g], search.traits.acting_parts[g]) for g in members}
+    included = visited.include(chosen, search.traits.signatures, parts, search.traits.forms)
     numbers = number_repeated([effect.candidate.label for effect in effects])
     claimed = []
     for g, effect, number in zip(chosen, effects, numbers, strict=True):
         levels = np.minimum(weighed.levels[g], included[g])
-        claim = build_claim(search.problem, search.acting_parts[g], levels)
+        claim = build_claim(search.problem, search.traits.acting_parts[g], levels)
         if claim.needs_drivers:
             sure = find_sure(search, g, chosen, weighed.drivers[g], visited)
             claim = replace(claim, drivers=tuple(sure.items()))

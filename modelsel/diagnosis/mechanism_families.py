@@ -82,7 +82,7 @@ def generate_better_families(
     """Generate models in which the effects of a family are explained better together.
 
     Yields the chosen candidates, and what changed in words."""
-    for family in search.families:
+    for family in search.traits.families:
         now = family.list_chosen(chosen)
         best = _find_better(search, family, now, view) if now else None
         if best is None:
@@ -98,7 +98,7 @@ def weigh_families(
     """Weigh the effects of every family, of several places or of one, against the others that would
     do: the probability that those which are chosen are right, of each that would have to go."""
     shares: dict[int, float] = {}
-    for family in search.families:
+    for family in search.traits.families:
         now = family.list_chosen(chosen)
         if not now or family.one_place is not one_place:
             continue

@@ -256,6 +256,6 @@ def _begin(
     pairs = list_related(search, view, chosen)
     related = tuple((place[g], place[h]) for g, h in pairs)
     (rng,) = search.rng.spawn(1)
-    families = _place_families(search.families, place)
+    families = _place_families(search.traits.families, place)
     start = frozenset(place[g] for g in chosen)
     return _Walk(pool, related, families, rng), start

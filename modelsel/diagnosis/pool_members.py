@@ -47,7 +47,7 @@ def gather_pool(search: Search, view: View, chosen: Sequence[int]) -> Pool | Non
     rest = see_rest(curve, view.scan, view.response, view.release(*effects))
     labels = [search.candidates[g].label for g in which]
     kinds = number_kinds(labels)
-    return assemble_pool(rest, log_prior - search.bound, kinds, search.bumped[which])
+    return assemble_pool(rest, log_prior - search.bound, kinds, search.traits.bumped[which])
 
 
 def _list_offers(search: Search, view: View, chosen: Sequence[int]) -> list[list[int]]:
@@ -56,7 +56,7 @@ def _list_offers(search: Search, view: View, chosen: Sequence[int]) -> list[list
     named = [search.rename(g, view).named for g in chosen]
     strongest = search.name_strongest(view, chosen)
     offered = [[entry.place for entry in one.entries] for one in (*named, strongest)]
-    for family in search.families:
+    for family in search.traits.families:
         whole = [family.whole, *family.parts]
         if not set(whole).isdisjoint(chosen):
             offered.append(whole)

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from copy import copy
-from functools import cached_property
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -18,12 +17,10 @@ from ..fitting.iteration import COARSE_MM
 from ..fitting.least_squares import Fit
 from ..fitting.problem import Problem
 from ..fitting.shrinkage import fit_shrunk
-from ..mechanisms.terms import Mechanism
-from .acting_screws import keep_acting_screws
 from .candidate_columns import Columns, build_columns, flatten_measured
 from .candidate_kinds import CandidateKind
-from .candidates import Candidate, find_cell_prior
-from .close_steps import CloseSteps, find_close_steps
+from .candidate_traits import Traits
+from .candidates import Candidate
 from .credible_sets import (
     CredibleSet,
     Question,
@@ -35,13 +32,10 @@ from .credible_sets import (
 from .evidence import MIN_LOG_ODDS, Chance, compute_familywise_p, draw_null
 from .joint_curves import collect_curves, find_better_curve, see_rest
 from .kept_causes import KeptCauses
-from .mechanism_families import Family, find_families
-from .nested_names import NestedNames
 from .options import DEFAULT_OPTIONS
 from .residual_tests import adjust_residual, compute_flip_p, draw_flips, partition_rows
 from .scan import Response, Scan
 from .screening import build_scan_for
-from .signatures import number_forms, read_signatures
 from .simulation_counts import FLIP_DRAWS, NULL_DRAWS
 from .views import View, Views, build_view
 
@@ -108,6 +102,7 @@ class Search:
         self.curves = collect_curves(candidates, self.columns, self.log_prior)
         self.first = build_view(self.problem, self.columns, base_fit)
         self.views = Views(self.problem, self.columns, self.first)
+        self.traits = Traits(self.problem, candidates, self.first)
         # candidates that the base has already: what a refit leaks of them is no cause
         self.dead = np.flatnonzero(self.first.scan.sizes == 0)
         self._renamed: WeakKeyDictionary[View, dict[int, Renamed]] = WeakKeyDictionary()
@@ -115,67 +110,8 @@ class Search:
     def offer(self, more: Sequence[Candidate]) -> Search:
         """Offer further candidates beside the others, with the same null distribution."""
         new = copy(self)
-        for known in (
-            "families",
-            "bumped",
-            "numbers",
-            "nested_names",
-            "close_steps",
-            "acting_parts",
-            "signatures",
-            "forms",
-        ):
-            new.__dict__.pop(known, None)
         new._see(self.candidates + tuple(more), self.first.fitted, self.columns)
         return new
-
-    @cached_property
-    def families(self) -> list[Family]:
-        """The mechanisms of several joints, with those of their parts."""
-        return find_families(self.candidates)
-
-    @cached_property
-    def cell_prior(self) -> float:
-        """The prior probability of a cell of the error map, 0 where there are none."""
-        return find_cell_prior(self.candidates)
-
-    @cached_property
-    def numbers(self) -> dict[Mechanism, int]:
-        """The candidates' numbers by their mechanisms."""
-        return {one.mechanism: g for g, one in enumerate(self.candidates)}
-
-    @cached_property
-    def bumped(self) -> Index:
-        """The joint (G,) that every candidate lets err around one reading, 0 for none."""
-        return np.array([one.bumped_joint for one in self.candidates], dtype=np.intp)
-
-    @cached_property
-    def close_steps(self) -> CloseSteps:
-        """The candidates that are steps of the set-up, by where they are in the campaign."""
-        return find_close_steps(self.problem, self.candidates)
-
-    @cached_property
-    def nested_names(self) -> NestedNames:
-        """The candidates that say together what others say."""
-        problem = self.problem
-        candidates = self.candidates
-        return NestedNames(problem, candidates)
-
-    @cached_property
-    def acting_parts(self) -> tuple[Candidate, ...]:
-        """The candidates without the screws that hardly move the target."""
-        first = self.first
-        return keep_acting_screws(self.problem, self.candidates, first.fitted.at(), first.Q)
-
-    @cached_property
-    def signatures(self) -> tuple[Index, ...]:
-        """What every candidate says of the arm, level by level."""
-        return read_signatures(self.acting_parts)
-
-    @cached_property
-    def forms(self) -> Index:
-        """The numbers (G,) of links that bend, by all forms alike."""
-        return number_forms(self.candidates)
 
     def fit_model(
         self, chosen: Sequence[int], start: Fit | None, step_mm: float = COARSE_MM
@@ -226,13 +162,13 @@ class Search:
         """List what explains nothing beside `known` candidates: these have had their turn, what
         the fit drops of them is no cause."""
         taken = np.array(known, dtype=np.intp)
-        bumps = self._list_bumps(self.bumped[taken])
-        close = self.close_steps.list_beside(known)
+        bumps = self._list_bumps(self.traits.bumped[taken])
+        close = self.traits.close_steps.list_beside(known)
         return np.concatenate([self.dead, taken, bumps, close])
 
     def _list_bumps(self, joints: Index) -> Index:
         """List the candidates that let some joints err around one reading."""
-        of_these = np.isin(self.bumped, joints[joints > 0])
+        of_these = np.isin(self.traits.bumped, joints[joints > 0])
         return np.flatnonzero(of_these)
 
     def compute_sign_p(self, view: View, known: Sequence[int], observed: float) -> float:
@@ -341,14 +277,14 @@ class Search:
         out."""
         bumps = self._list_bumps(self.list_bumped_beside(g, view))
         chosen = self._list_chosen(view)
-        same = self.nested_names.list_other_names(g, chosen)
+        same = self.traits.nested_names.list_other_names(g, chosen)
         others = bumps[bumps != g]
-        close = self.close_steps.list_beside([other for other in chosen if other != g])
+        close = self.traits.close_steps.list_beside([other for other in chosen if other != g])
         return np.concatenate([self.dead, others, same, close])
 
     def _list_chosen(self, view: View) -> list[int]:
         """List the candidates that are in a model."""
-        numbers = self.numbers
+        numbers = self.traits.numbers
         mechanisms = view.model.mechanisms
         known = [m for m in mechanisms if m in numbers]
         return [numbers[m] for m in known]
@@ -356,7 +292,11 @@ class Search:
     def list_bumped_beside(self, g: int, view: View) -> Index:
         """List the joints that effects of a model beside candidate g let err around one reading."""
         beside = self._list_chosen(view)
-        joints = [self.bumped[other] for other in beside if other != g and self.bumped[other]]
+        joints = [
+            self.traits.bumped[other]
+            for other in beside
+            if other != g and self.traits.bumped[other]
+        ]
         return np.array(joints, dtype=np.intp)
 
     def generate_better_curves(
@@ -394,7 +334,7 @@ class Search:
             first_term = candidate.mechanism.terms[0]
             screw = first_term.screws[0]
             return "joint", screw.frame
-        joint = int(self.bumped[g])
+        joint = int(self.traits.bumped[g])
         if joint:
             return "bump", joint
         return "candidate", g

@@ -53,7 +53,7 @@ def tell_steps_apart(search: Search, diagnosis: Diagnosis) -> tuple[Search, Diag
     for pair in _list_pairs(search.problem, diagnosis.effects):
         apart = _fit_apart(search, diagnosis, pair)
         if apart is not None:
-            known = search.numbers
+            known = search.traits.numbers
             rest, part, _ = apart
             new = [step for step in (rest, part) if step.mechanism not in known]
             offered = search.offer(new)

@@ -28,7 +28,7 @@ def sum_by_driver(
     name that it depends on.
 
     They are of all candidates, then of the rivals. An effect of several places has none."""
-    told = search.acting_parts[g]
+    told = search.traits.acting_parts[g]
     drivers = list_drivers_by_place(told)
     if len(drivers) != 1:
         return {}
@@ -44,11 +44,11 @@ def _list_explanations(
     search: Search, g: int, probability: Array, rivals: Sequence[Rival]
 ) -> Iterator[tuple[frozenset[str], float]]:
     """List what the explanations depend on that act where an effect does, with their probabilities."""
-    known = search.signatures[0]
+    known = search.traits.signatures[0]
     count = len(known)
     counts = (known == known[g]) & (probability[:count] > NEGLIGIBLE)
     for k in np.flatnonzero(counts).tolist():
-        yield _depend(search.acting_parts[k]), float(probability[k])
+        yield _depend(search.traits.acting_parts[k]), float(probability[k])
     for rival, share in zip(rivals, probability[count:].tolist(), strict=True):
         if not rival.agrees:
             continue
@@ -69,9 +69,9 @@ def find_sure(
 
     `weights`: the probability of each name against the effect's rivals; `models`: the sets of effects
     that were weighed, in which it holds, too."""
-    places = search.signatures[0]
+    places = search.traits.signatures[0]
     members = models.members.union(chosen)
-    drivers = {k: _depend(search.acting_parts[k]) for k in members if places[k] == places[g]}
+    drivers = {k: _depend(search.traits.acting_parts[k]) for k in members if places[k] == places[g]}
     sure = {}
     for name, weight in weights.items():
         like = [k for k, names in drivers.items() if name in names]

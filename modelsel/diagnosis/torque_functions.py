@@ -48,7 +48,7 @@ def list_together(
     Where physics allows all of them as they are, a compliance and a play, they stay apart."""
     by_load: dict[tuple[int, frozenset[str]], list[int]] = {}
     for g in chosen:
-        found = search.acting_parts[g].mechanism
+        found = search.traits.acting_parts[g].mechanism
         joint = find_loaded_joint(search.problem.robot, found)
         if joint is not None and not search.candidates[g].asked:
             by_load.setdefault((joint, found.names()), []).append(g)
@@ -56,7 +56,7 @@ def list_together(
     for members in by_load.values():
         are_named = all(_is_named(search.candidates[g], view) for g in members)
         if len(members) > 1 and not are_named:
-            joined = _join([search.acting_parts[g] for g in members])
+            joined = _join([search.traits.acting_parts[g] for g in members])
             together.append((tuple(members), joined))
     return together
 

@@ -77,23 +77,25 @@ def weigh_aliases(search: Search, chosen: Sequence[int]) -> dict[int, float]:
         aliases = list_aliases(search.problem, own)
         if not aliases:
             continue
-        joint, count = find_own_wave(own.mechanism)
-        ripple = f"{RIPPLE}:{joint}"
-        last = WAVES[-1]
-        prior = own.prior
-        if count <= last:
-            priors = (c.prior for c in search.candidates if c.registered_name == ripple)
-            prior = max(priors, default=0.0)
-        is_ripple = own.registered_name == ripple
-        counted = [n for n in aliases if is_ripple or n > last]
-        weight = float(len(counted))
-        if count <= last:
-            weights = map(_weigh_number, counted)
-            weight = sum(weights)
-        others = prior * weight
+        others = _price_numbers(search, own, aliases)
         total = own.prior + others
         shares[g] = own.prior / total
     return shares
+
+
+def _price_numbers(search: Search, own: Candidate, numbers: Sequence[int]) -> float:
+    """Price the numbers of waves that do the same as a candidate and are none themselves."""
+    joint, count = find_own_wave(own.mechanism)
+    ripple = f"{RIPPLE}:{joint}"
+    last = WAVES[-1]
+    is_ripple = own.registered_name == ripple
+    counted = [n for n in numbers if is_ripple or n > last]
+    if count > last:
+        return own.prior * len(counted)
+    priors = (c.prior for c in search.candidates if c.registered_name == ripple)
+    prior = max(priors, default=0.0)
+    weights = map(_weigh_number, counted)
+    return prior * sum(weights)
 
 
 def _weigh_number(number: int) -> float:

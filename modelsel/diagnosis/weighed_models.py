@@ -81,14 +81,15 @@ class VisitedModels(NamedTuple):
         chosen: Sequence[int],
         signatures: Sequence[Index],
         parts: Mapping[int, Parts],
-        forms: Index | None = None,
+        forms: Index,
     ) -> dict[int, Array]:
         """Compute the inclusion probability of every level of each chosen effect's claim.
 
         That is the total probability of the sets which agree with the effect at that level.
         `signatures`: what every candidate says at each level, as numbers; `parts`: the same part by
-        part, of each member of a set; `forms`: those that say the same at all levels, -1 of others. Sets without anything in the effect's place count, too: chance
-        may explain what is hardly significant."""
+        part, of each member of a set; `forms`: those that say the same at all levels, -1 of others.
+        Sets without anything in the effect's place count, too: chance may explain what is hardly
+        significant."""
         weight = self.probability
         table = self._tabulate(chosen)
         included: dict[int, Array] = {}
@@ -96,7 +97,7 @@ class VisitedModels(NamedTuple):
             levels = np.zeros(len(signatures))
             for level, known in enumerate(signatures):
                 told = table.say_as_much(known, g, chosen)
-                if forms is not None and forms[g] >= 0:
+                if forms[g] >= 0:
                     told |= table.say_as_much(forms, g, chosen)
                 told |= table.say_together(parts, level, g, chosen, ~told)
                 levels[level] = weight[told].sum()

@@ -10,7 +10,7 @@ import numpy as np
 from .._typing import Array, Index
 from ..exceptions import StudyError
 from ..measurements.measurements import Measurements
-from ..measurements.repeats import find_repeats
+from ..measurements.repeats import Repeats, find_repeats
 from ..robot.kinematics import forward
 from .problem import Problem
 from .whitening import Whitening
@@ -95,15 +95,19 @@ def from_repeats(data: Measurements, placed: Index, residuals: Array | None = No
     `residuals` (m, 3): what a model leaves of the positions, which knows what differs from one repeat to
     the next (readings, a payload, the side that a joint came from)."""
     repeats = find_repeats(data, placed, residuals is not None)
-    freedom = repeats.freedom
-    if freedom < MIN_FREEDOM:
+    if repeats.freedom < MIN_FREEDOM:
         return None
+    values = data.position if residuals is None else residuals
+    return _pool_repeats(repeats, values)
+
+
+def _pool_repeats(repeats: Repeats, values: Array) -> Floor:
+    """Pool how far the values (m, 3) of repeats stray from each other."""
     is_repeated = repeats.is_repeated
     count = repeats.count[repeats.posture[is_repeated]]
     unbiased = np.sqrt(count / (count - 1))
-    values = data.position if residuals is None else residuals
     deviation = repeats.deviate(values)[is_repeated] * unbiased[:, None]
-    return Floor(_pool_deviations(deviation), "repeats", freedom)
+    return Floor(_pool_deviations(deviation), "repeats", repeats.freedom)
 
 
 def _pool_deviations(deviation: Array) -> float:
@@ -239,8 +243,10 @@ def compare_repeats(problem: Problem, placed: Index) -> Floor | None:
     again = problem.take(is_repeated)
     starts = range(0, len(again), ROWS_TOGETHER)
     pieces = [again.take(slice(start, start + ROWS_TOGETHER)) for start in starts]
-    residuals = again.data.position - np.concatenate([_predict_nominal(one) for one in pieces])
-    return from_repeats(again.data, placed[is_repeated], residuals)
+    residuals = np.zeros_like(problem.data.position)
+    predicted = np.concatenate([_predict_nominal(one) for one in pieces])
+    residuals[is_repeated] = again.data.position - predicted
+    return _pool_repeats(repeats, residuals)
 
 
 def _predict_nominal(problem: Problem) -> Array:

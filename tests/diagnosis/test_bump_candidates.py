@@ -102,19 +102,19 @@ def test_a_model_has_one_bump_of_a_joint(rng: np.random.Generator) -> None:
         bent(at, 2, lambda x: 1.5e-4 * np.exp(-np.square(x - centre) / 0.05), rng), rng
     )
     kinds = np.array([c.kind is CandidateKind.BUMP for c in search.candidates])
-    assert (kinds == (search.bumped > 0)).all()
-    first, second = rng.choice(np.flatnonzero(search.bumped == 2), 2, replace=False).tolist()
-    elsewhere = int(np.flatnonzero(search.bumped == 3)[0])
+    assert (kinds == (search.traits.bumped > 0)).all()
+    first, second = rng.choice(np.flatnonzero(search.traits.bumped == 2), 2, replace=False).tolist()
+    elsewhere = int(np.flatnonzero(search.traits.bumped == 3)[0])
     chosen = [elsewhere, first]
     view = search.fit_model(chosen, None)
     added = search.name_strongest(view, chosen).log_probability
-    assert np.isneginf(added[np.isin(search.bumped, (2, 3))]).all()
-    assert np.isfinite(added[search.bumped == 4]).any()
+    assert np.isneginf(added[np.isin(search.traits.bumped, (2, 3))]).all()
+    assert np.isfinite(added[search.traits.bumped == 4]).any()
     assert search.add(chosen, second) == [elsewhere, second]
     # neither is one named in another effect's place, nor weighed beside the first
     named = search.rename(elsewhere, view).named
-    assert np.isneginf(named.log_probability[search.bumped == 2]).all()
-    assert np.isfinite(named.log_probability[search.bumped == 3]).any()
+    assert np.isneginf(named.log_probability[search.traits.bumped == 2]).all()
+    assert np.isfinite(named.log_probability[search.traits.bumped == 3]).any()
     every_one = [*chosen, second]
     pool = gather_pool(search, search.fit_model(every_one, None), every_one)
     assert pool is not None
@@ -141,7 +141,7 @@ def test_repeats_are_one_configuration_and_centres_are_limited(rng: np.random.Ge
 @pytest.mark.integration
 def test_what_was_tried_in_vain_rules_out_no_neighbour(rng: np.random.Generator) -> None:
     search = prepare_puma()
-    first, second = rng.choice(np.flatnonzero(search.bumped == 2), 2, replace=False).tolist()
+    first, second = rng.choice(np.flatnonzero(search.traits.bumped == 2), 2, replace=False).tolist()
     aside = np.append(search.list_set_aside(()), first)
     log_probability = search.ask_rest(search.first).answer(aside).log_probability
     assert np.isneginf(log_probability[first])
@@ -153,7 +153,7 @@ def test_beside_a_bump_no_other_one_stands_against_a_finding(rng: np.random.Gene
     search = prepare_puma()
     numbers = {one.label: g for g, one in enumerate(search.candidates)}
     wave = numbers["encoder-eccentricity:2"]
-    bump = int(rng.choice(np.flatnonzero(search.bumped == 2)))
+    bump = int(rng.choice(np.flatnonzero(search.traits.bumped == 2)))
     view = search.fit_model([wave, bump], None)
     assert search.list_bumped_beside(wave, view).tolist() == [2]
     assert search.list_bumped_beside(bump, view).tolist() == []

@@ -33,10 +33,10 @@ def test_a_step_beside_another_encloses_enough_rows(rng: np.random.Generator) ->
     base = Model((mechanism("geometric", robot),))
     inquiry = Inquiry(base, (), 1, True, ignore, DEFAULT_OPTIONS)
     search = inquiry.search(problem, candidates, (), KeptCauses(), fit(problem, base))
-    number = search.numbers
+    number = search.traits.numbers
     known = number[steps[0]]
     aside = set(search.list_set_aside([known]).tolist()) - set(search.dead.tolist())
     assert aside == {number[step] for step in steps[:4]}
     # what is no step of the set-up rules none out, nor does a set of nothing
     assert not set(search.list_set_aside([number[others[0]]]).tolist()) & {known, number[steps[1]]}
-    assert not len(search.close_steps.list_beside([]))
+    assert not len(search.traits.close_steps.list_beside([]))

@@ -26,7 +26,7 @@ from modelsel.diagnosis.evidence import MIN_LOG_ODDS
 from modelsel.diagnosis.model_pool import Pool, _Group
 from modelsel.diagnosis.model_sampler import sample_models
 from modelsel.diagnosis.model_search import BY_SAMPLING, FOR_CLAIMS, _Walk, visit_models
-from modelsel.diagnosis.signatures import Parts, read_parts, read_signatures
+from modelsel.diagnosis.signatures import Parts, number_forms, read_parts, read_signatures
 from modelsel.diagnosis.state import Search
 from modelsel.diagnosis.stepwise import Exploration, explore, explore_further
 from modelsel.diagnosis.views import View
@@ -41,6 +41,8 @@ SIGMA = 0.05
 COORDINATES = 60
 # candidates that have no part in common
 APART: dict[int, Parts] = {g: (frozenset([g]), frozenset([g])) for g in range(3)}
+# none of them is a form of another
+NO_FORMS = np.full(3, -1)
 
 
 # -- exact evidence
@@ -320,7 +322,7 @@ def test_a_level_holds_as_often_as_the_sets_say_it() -> None:
     place, cause = np.array([7, 7, 8]), np.array([0, 1, 2])
     odds = np.array([0.5, 0.3, 0.15, 0.05])
     visited = VisitedModels(((0,), (1,), (2,), ()), np.log(odds))
-    included = visited.include([0], [place, cause], APART)
+    included = visited.include([0], [place, cause], APART, NO_FORMS)
     # the empty set says that there is no effect
     assert included[0] == pytest.approx([0.8, 0.5])
     assert visited.find_better([1], 0.4) == (0,)
@@ -339,7 +341,7 @@ def test_effects_are_not_added_alone_by_taking_back() -> None:
 def test_two_effects_of_a_place_are_not_held_by_one() -> None:
     place = np.array([7, 7, 8])
     visited = VisitedModels(((0, 1), (0, 2)), np.log([0.6, 0.4]))
-    included = visited.include([0, 1], [place], APART)
+    included = visited.include([0, 1], [place], APART, NO_FORMS)
     assert included[1] == pytest.approx([0.6])
     # what both sets have is as sure as ever
     assert included[0] == pytest.approx([1.0])
@@ -354,10 +356,31 @@ def test_what_several_effects_say_together_counts() -> None:
     signatures = read_signatures(found)
     sets = ((0, 4), (1, 2, 4), (2, 3, 4), (2, 4))
     visited = VisitedModels(sets, np.log([0.4, 0.3, 0.2, 0.1]))
-    included = visited.include([0, 4], signatures, parts)
+    included = visited.include([0, 4], signatures, parts, number_forms(found))
     # the third turns the same joints by another driver, the last one of them only
     assert included[0] == pytest.approx([0.9, 0.7, 0.7, 0.7])
     assert included[4] == pytest.approx([1.0] * 4)
+
+
+def test_a_link_that_bends_holds_by_any_of_its_forms() -> None:
+    """A set that has another form of a link's bending agrees at all levels; one that bends another link
+    does not."""
+    robot = load_robot("ur10e")
+    forms = [one for one in every(robot) if one.name == "link-bending:2"]
+    others = [one for one in every(robot) if one.name in ("link-bending:3", "encoder-scale:2")]
+    mechanisms = [*forms, *others]
+    found = [Candidate(one, CandidateKind.MECHANISM, 0.01) for one in mechanisms]
+    parts = {g: read_parts(one, one) for g, one in enumerate(found)}
+    signatures = read_signatures(found)
+    known = number_forms(found)
+    same = [g for g in range(1, len(forms)) if known[g] == known[0]]
+    # by its signature, one of another place is another thing
+    other_form = next(g for g in same if signatures[0][g] != signatures[0][0])
+    elsewhere = len(forms)
+    sets = ((0,), (other_form,), (elsewhere,))
+    visited = VisitedModels(sets, np.log([0.5, 0.3, 0.2]))
+    included = visited.include([0], signatures, parts, known)
+    assert included[0] == pytest.approx([0.8] * 4)
 
 
 # -- shapes that are offered
