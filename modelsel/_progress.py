@@ -77,6 +77,7 @@ class Progress:
         self.clock = clock
         self.start = clock()
         self.stage = ""
+        self.phase = ""  # the last news that does not stay
         self.count = ""
         self.seen: tuple[float, float] | None = None  # time and share of the first news
 
@@ -87,6 +88,7 @@ class Progress:
             self._tell(line, now)
             return
         self.stage = line
+        self.phase = ""
         self.seen = None
         count = len(self.steps)
         for number, step in enumerate(self.steps, 1):
@@ -102,7 +104,8 @@ class Progress:
     def _tell(self, news: News, now: float) -> None:
         if news.kept:
             self.screen.keep(f"{now:6.1f} s  {news}")
-        shown = "" if news.kept else str(news)
+        else:
+            self.phase = str(news)
         left = ""
         if news.done is not None:
             left = write_percent(news.done)
@@ -110,7 +113,7 @@ class Progress:
             if seconds is not None:
                 remaining = format_seconds(seconds)
                 left += f", {remaining} left"
-        self._show(now, shown, left)
+        self._show(now, self.phase, left)
 
     def _extrapolate(self, done: float, now: float) -> float | None:
         """Return the seconds that the rest of the stage takes at the pace seen so far."""

@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .._progress import News
 from .._random import generator
 from .._typing import Say
 from ..fitting.design import Model
@@ -121,12 +122,14 @@ class _Separation:
     ) -> ErrorStructure:
         """Find the parts that a fit leaves, without those that only what is `unsure` identifies;
         `before`: the parts of a similar fit, to start from."""
+        self.inquiry.say(News("what does not repeat"))
         offered = [part for part in self.parts if part.told_by not in unsure]
         split = self.split
         return find_structure(split.problem, split.used, fitted, offered, before)
 
     def search(self, given: ErrorStructure, known: tuple[Candidate, ...] = ()) -> _Explanation:
         """Search for effects given parts of the errors, starting from the known effects."""
+        self.inquiry.say(News("searching again" if known else "searching"))
         training, base_fit = self._weigh(given), self.base_fit
         if given.shared:
             base_fit = fit(training, self.inquiry.base, start=base_fit.theta)
@@ -266,6 +269,7 @@ def separate(
         return split, build_empty(inquiry.base, base_fit)
     separation = _Separation(split, inquiry, found, parts, base_fit)
     best = separation.explain(known)
+    inquiry.say(News("weighing what is proven"))
     diagnosis, errors = prove(conclude(best.explored)), best.left
     if [one.candidate for one in diagnosis.effects] != list(best.explored.chosen):
         errors = separation.find_parts(diagnosis.fit, before=errors)

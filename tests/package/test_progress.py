@@ -81,6 +81,23 @@ def test_a_terminal_has_one_line_that_is_rewritten() -> None:
     assert stream.getvalue().count("\n") == 1
 
 
+def test_what_is_being_done_stays_beside_a_result() -> None:
+    clock, stream = Clock(), Terminal()
+    progress = Progress((), TerminalScreen(stream), clock)
+    progress("naming")
+    progress(News("searching"))
+    progress(News("found backlash:3", kept=True))
+    progress("sampling")
+    last = [line.split("  ")[-1] for line in stream.lines()]
+    assert last == [
+        "naming",
+        "naming, searching",
+        "found backlash:3\n",
+        "naming, searching",
+        "sampling",
+    ]
+
+
 def test_a_log_has_a_line_per_stage() -> None:
     clock, stream = Clock(), io.StringIO()
     work(Progress((), LogScreen(stream), clock), clock)

@@ -44,6 +44,9 @@ def test_every_step_is_told_in_order(study) -> None:
     assert any(
         line == "added gravity-twist" and line.kept for line in said if isinstance(line, News)
     )
+    phases = [line for line in said if isinstance(line, News) and not line.kept]
+    assert phases[:2] == ["what does not repeat", "searching"]
+    assert "weighing what is proven" in phases
 
 
 def die(*given: object, **rest: object) -> None:
