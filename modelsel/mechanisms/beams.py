@@ -111,13 +111,16 @@ def bend_beam(
     robot: Robot, link: int, body: int | None = None, twist: float = 0.0
 ) -> dict[str, Cause]:
     """Build what turns and shifts a link's end along each axis where it bends as a beam does, per unit
-    of its compliance; it twists by so many times as much as it bends."""
+    of its compliance; it twists by so many times as much as it bends. What weighs at that end itself
+    (`body` its frame) has no moment there."""
     frame = link + 1
     length = find_length(robot, link)
     weight, unit = 1.0, OF_ONE_KG
     if body is None:
         weight, unit = _weigh_beyond(robot, frame), "N m"
-    moments = name_moments(robot, frame, body)
+    moments: dict[str, Cause] = {}
+    if body != frame:
+        moments = name_moments(robot, frame, body)
     pulls: dict[str, Cause] = {axis: Named(f"down{frame}_{axis}") for axis in "xyz"}
     across = _cross_matrix(length)
     levers = weight * G / 1e3 * across

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ..robot.gravity import G, find_gravity_joints
+from ..robot.gravity import G, declares_masses, find_gravity_joints
 from ..robot.kinematics import Robot
 from .beams import bend_beam, bend_tube, build_screws, can_bend, turn_end, twist_beam
+from .bodies import list_bodies, list_main_bodies
 from .causes import ONE, Cause, Combined, Named, Number
 from .compliance import COMPLIANCE, HEAVY, SOURCE, UNKNOWN, WITH_PAYLOAD, later_frames, mass_choices
 from .terms import Mechanism, Screw, Term
@@ -24,6 +25,9 @@ AT_TARGET, ANYWHERE, EACH_AXIS = 0, 1, 2
 # what bends: the end of a link, which turns; or, from these numbers on, the link all along, as a round tube
 # or with a stiffness of its own against twist
 TUBE, BEAM = 3, 6
+# a tube under masses that are not known, at every joint beyond it and at the target, or at the main ones
+# alone: a beam with its own twist is not tried with them, so that its number is free
+OF_EACH, OF_MAIN = TUBE + UNKNOWN, BEAM + UNKNOWN
 BENT_END, BENT_LINK = "flange or bolts at its end", "link that bends"
 BENDING_PARTS = ("adapter or tool changer that bends", "flange or its bolts", "bracket of the load")
 Bend = Callable[..., dict[str, Cause]]
@@ -49,15 +53,29 @@ def find_bending_links(robot: Robot) -> tuple[int, ...]:
 
 def list_bendings(robot: Robot, link: int) -> tuple[int, ...]:
     """List what may bend of a link, and what is known of the masses beyond it: known ones, with the
-    payload where they are declared, and of the end alone unknown ones. A beam with a number for each
-    mass would take the shape of many other errors."""
+    payload where they are declared, and unknown ones. With these only the end is tried where masses are
+    declared: a beam with a number for each mass would take the shape of many other errors."""
     joint = link + 1
     ends = mass_choices(robot, joint)
     if not can_bend(robot, link):
         return ends
     known = [masses for masses in ends if masses != UNKNOWN]
     bent = [form + masses for form in _list_beams(robot, link) for masses in known]
+    if not declares_masses(robot):
+        bent += _list_unknown(robot, link)
     return (*ends, *bent)
+
+
+def _list_unknown(robot: Robot, link: int) -> list[int]:
+    """List how a link may bend all along under masses that are not known: none of the wrist's links, by
+    which it would take the shape of many other errors."""
+    each = list_bodies(robot, link)
+    main = list_main_bodies(robot, link)
+    if not main:
+        return []
+    if main == each:
+        return [OF_EACH]
+    return [OF_EACH, OF_MAIN]
 
 
 def link_bending(robot: Robot, link: int, bending: int) -> Mechanism:
@@ -67,6 +85,8 @@ def link_bending(robot: Robot, link: int, bending: int) -> Mechanism:
     f = link + 1
     form, masses = divmod(bending, TUBE)
     of_payload = masses == WITH_PAYLOAD
+    if masses == UNKNOWN and form:
+        return _bend_by_each(robot, link, bending)
     terms = []
     for symbol, bend in zip("bw", FORMS[form], strict=False):
         held = {}
@@ -100,6 +120,30 @@ def _turn_by_each(robot: Robot, link: int) -> list[Term]:
         term = Term(f"b{link}m{k}", screws, HEAVY, 1)
         terms.append(term)
     return terms
+
+
+def _bend_by_each(robot: Robot, link: int, bending: int) -> Mechanism:
+    """Build a link that bends as a tube under masses that are not known, a term each."""
+    f = link + 1
+    bodies = list_bodies(robot, link)
+    if bending == OF_MAIN:
+        bodies = list_main_bodies(robot, link)
+    terms = []
+    for k in bodies:
+        bent = bend_tube(robot, link, k)
+        screws = build_screws(f, bent)
+        term = Term(f"b{link}m{k}", screws, HEAVY, 1)
+        terms.append(term)
+    frames = ", ".join(map(str, bodies))
+    weight = f"weight beyond it, of masses that are not known at frames {frames}"
+    return Mechanism(
+        f"link-bending:{link}",
+        tuple(terms),
+        _describe(link, "weight beyond it", 1),
+        _equate(f, weight, 1),
+        SOURCE,
+        usual_causes=_list_parts(link, 1),
+    )
 
 
 def find_loaded_links(robot: Robot) -> tuple[int, ...]:

@@ -198,6 +198,30 @@ def keeps_slide_upright(robot: Robot, joint: int) -> bool:
     return bool(least > 1 - STILL)
 
 
+def draw_places(robot: Robot, frame: int) -> Array:
+    """Draw places (3, 64) [mm, frame 0] of a frame's origin (n+1: of a target beside the last joint's axis)
+    within the limits, the same every time."""
+    _, at = _draw_sample(robot, PROBE_PAYLOAD)
+    places: Array = at.target
+    if frame <= robot.n:
+        places = at.origins[frame - 1]
+    return places
+
+
+def turns_in_gravity(robot: Robot, joint: int) -> bool:
+    """Return whether what carries a joint (1-based) turns against gravity, so that the pull changes its
+    direction there; not where gravity is not known."""
+    if robot.gravity is None:
+        return False
+    _, at = _draw_sample(robot)
+    direction = np.array(robot.gravity)
+    axes = at.axes[joint - 1, :3]
+    pulls = np.einsum("aim,i->am", axes, direction)
+    spread = np.ptp(pulls, axis=1)
+    largest = spread.max()
+    return bool(largest > STILL)
+
+
 def find_bearing_joints(robot: Robot) -> tuple[int, ...]:
     """Find the revolute joints (1-based) whose bearings a weight loads across their axes: those that it
     turns, too; where it turns none, as in a SCARA arm, all those of which the moment across changes."""
