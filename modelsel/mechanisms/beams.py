@@ -65,7 +65,10 @@ def weight_moment(frame: int, axis: str, body: int | None = None) -> Named:
 
 
 def name_moments(robot: Robot, frame: int, body: int | None = None) -> dict[str, Cause]:
-    """Name the moments about the axes of a frame: of a slide, across it alone."""
+    """Name the moments about the axes of a frame: of a slide, across it alone; none of what weighs at its
+    own origin."""
+    if body == frame:
+        return {}
     joint = robot.joints[frame - 1]
     axes = "xyz"
     if joint.prismatic:
@@ -111,16 +114,13 @@ def bend_beam(
     robot: Robot, link: int, body: int | None = None, twist: float = 0.0
 ) -> dict[str, Cause]:
     """Build what turns and shifts a link's end along each axis where it bends as a beam does, per unit
-    of its compliance; it twists by so many times as much as it bends. What weighs at that end itself
-    (`body` its frame) has no moment there."""
+    of its compliance; it twists by so many times as much as it bends."""
     frame = link + 1
     length = find_length(robot, link)
     weight, unit = 1.0, OF_ONE_KG
     if body is None:
         weight, unit = _weigh_beyond(robot, frame), "N m"
-    moments: dict[str, Cause] = {}
-    if body != frame:
-        moments = name_moments(robot, frame, body)
+    moments = name_moments(robot, frame, body)
     pulls: dict[str, Cause] = {axis: Named(f"down{frame}_{axis}") for axis in "xyz"}
     across = _cross_matrix(length)
     levers = weight * G / 1e3 * across

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from ..robot.gravity import G, declares_masses, find_gravity_joints
 from ..robot.kinematics import Robot
 from .beams import bend_beam, bend_tube, build_screws, can_bend, turn_end, twist_beam
-from .bodies import list_bodies, list_main_bodies
+from .bodies import find_line_end, list_bodies, list_main_bodies
 from .causes import ONE, Cause, Combined, Named, Number
 from .compliance import COMPLIANCE, HEAVY, SOURCE, UNKNOWN, WITH_PAYLOAD, later_frames, mass_choices
 from .terms import Mechanism, Screw, Term
@@ -25,9 +25,9 @@ AT_TARGET, ANYWHERE, EACH_AXIS = 0, 1, 2
 # what bends: the end of a link, which turns; or, from these numbers on, the link all along, as a round tube
 # or with a stiffness of its own against twist
 TUBE, BEAM = 3, 6
-# a tube under masses that are not known, at every joint beyond it and at the target, or at the main ones
-# alone: a beam with its own twist is not tried with them, so that its number is free
-OF_EACH, OF_MAIN = TUBE + UNKNOWN, BEAM + UNKNOWN
+# a link all along under masses that are not known, a number each: a tube, with masses at every joint beyond it
+# and at the target, at the main ones alone, or at the end of its line alone; a beam with a twist of its own
+OF_EACH, OF_MAIN, OF_ONE, OF_EACH_TWISTED = 4, 7, 10, 13
 BENT_END, BENT_LINK = "flange or bolts at its end", "link that bends"
 BENDING_PARTS = ("adapter or tool changer that bends", "flange or its bolts", "bracket of the load")
 Bend = Callable[..., dict[str, Cause]]
@@ -73,9 +73,14 @@ def _list_unknown(robot: Robot, link: int) -> list[int]:
     main = list_main_bodies(robot, link)
     if not main:
         return []
-    if main == each:
-        return [OF_EACH]
-    return [OF_EACH, OF_MAIN]
+    bent = [OF_EACH]
+    if main != each:
+        bent.append(OF_MAIN)
+    if find_line_end(robot, link) > link + 1:
+        bent.append(OF_ONE)
+    if BEAM in _list_beams(robot, link):
+        bent.append(OF_EACH_TWISTED)
+    return bent
 
 
 def link_bending(robot: Robot, link: int, bending: int) -> Mechanism:
@@ -123,26 +128,39 @@ def _turn_by_each(robot: Robot, link: int) -> list[Term]:
 
 
 def _bend_by_each(robot: Robot, link: int, bending: int) -> Mechanism:
-    """Build a link that bends as a tube under masses that are not known, a term each."""
+    """Build a link that bends all along under masses that are not known, a term each.
+
+    Of many masses each may be less than nothing, where others are beside the lines between the joints; the
+    farthest main one is not."""
     f = link + 1
+    main = list_main_bodies(robot, link)
+    signed = {main[-1]}
     bodies = list_bodies(robot, link)
     if bending == OF_MAIN:
-        bodies = list_main_bodies(robot, link)
+        bodies, signed = main, set(main)
+    if bending == OF_ONE:
+        line_end = find_line_end(robot, link)
+        bodies, signed = (line_end,), {line_end}
+    form = 1
+    if bending == OF_EACH_TWISTED:
+        form = 2
     terms = []
-    for k in bodies:
-        bent = bend_tube(robot, link, k)
-        screws = build_screws(f, bent)
-        term = Term(f"b{link}m{k}", screws, HEAVY, 1)
-        terms.append(term)
+    for symbol, bend in zip("bw", FORMS[form], strict=False):
+        for k in bodies:
+            bent = bend(robot, link, k)
+            screws = build_screws(f, bent)
+            if screws:
+                term = Term(f"{symbol}{link}m{k}", screws, HEAVY, int(k in signed))
+                terms.append(term)
     frames = ", ".join(map(str, bodies))
     weight = f"weight beyond it, of masses that are not known at frames {frames}"
     return Mechanism(
         f"link-bending:{link}",
         tuple(terms),
-        _describe(link, "weight beyond it", 1),
-        _equate(f, weight, 1),
+        _describe(link, "weight beyond it", form),
+        _equate(f, weight, form),
         SOURCE,
-        usual_causes=_list_parts(link, 1),
+        usual_causes=_list_parts(link, form),
     )
 
 

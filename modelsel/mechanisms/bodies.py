@@ -34,11 +34,18 @@ def list_main_bodies(robot: Robot, link: int) -> tuple[int, ...]:
     main = list_main_ends(robot)
     if end > max(main, default=0):
         return ()
-    own_line = [frame for frame in _measure_lines(robot) if frame >= end]
-    far = [joint for joint in main if joint > own_line[0]]
+    line_end = find_line_end(robot, link)
+    far = [joint for joint in main if joint > line_end]
     heavy = [end, *(far or [robot.n])]
     each = list_bodies(robot, link)
     return tuple(joint for joint in each if joint in heavy)
+
+
+def find_line_end(robot: Robot, link: int) -> int:
+    """Find the joint at which the straight line that a link is on ends: an elbow's link may hold the forearm's
+    first joint on its way to the wrist."""
+    beyond = [frame for frame in _measure_lines(robot) if frame > link]
+    return beyond[0]
 
 
 def list_main_ends(robot: Robot) -> list[int]:
