@@ -130,17 +130,15 @@ def _turn_by_each(robot: Robot, link: int) -> list[Term]:
 def _bend_by_each(robot: Robot, link: int, bending: int) -> Mechanism:
     """Build a link that bends all along under masses that are not known, a term each.
 
-    Of many masses each may be less than nothing, where others are beside the lines between the joints; the
-    farthest main one is not."""
+    Masses beside the lines between the joints may have more moment than at these: of many masses that at
+    the link's own end, which has none, takes the difference, and may be less than nothing."""
     f = link + 1
-    main = list_main_bodies(robot, link)
-    signed = {main[-1]}
     bodies = list_bodies(robot, link)
+    unsigned = {f}
     if bending == OF_MAIN:
-        bodies, signed = main, set(main)
+        bodies, unsigned = list_main_bodies(robot, link), set()
     if bending == OF_ONE:
-        line_end = find_line_end(robot, link)
-        bodies, signed = (line_end,), {line_end}
+        bodies = (find_line_end(robot, link),)
     form = 1
     if bending == OF_EACH_TWISTED:
         form = 2
@@ -150,7 +148,8 @@ def _bend_by_each(robot: Robot, link: int, bending: int) -> Mechanism:
             bent = bend(robot, link, k)
             screws = build_screws(f, bent)
             if screws:
-                term = Term(f"{symbol}{link}m{k}", screws, HEAVY, int(k in signed))
+                sign = int(k not in unsigned)
+                term = Term(f"{symbol}{link}m{k}", screws, HEAVY, sign)
                 terms.append(term)
     frames = ", ".join(map(str, bodies))
     weight = f"weight beyond it, of masses that are not known at frames {frames}"

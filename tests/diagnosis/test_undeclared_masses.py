@@ -175,15 +175,14 @@ def test_masses_sit_where_lines_between_joints_bend() -> None:
     assert [link for link in range(1, 6) if OF_ONE in list_bendings(arm, link)] == [3]
 
 
-def test_the_farthest_main_mass_alone_has_a_sign_among_many() -> None:
-    """One of a link whose weight is beside the lines between the joints may be less than nothing at one of
-    them."""
+def test_of_many_masses_that_at_the_end_itself_has_no_sign() -> None:
+    """Masses beside the lines between the joints may have more moment than at these."""
     arm = without_masses(load_robot("ur10e"))
     signs = {}
     for number in (OF_EACH, OF_MAIN, OF_EACH_TWISTED):
         (one,) = build_mechanisms(f"{BENDING}:2:{number}", arm)
         signs[number] = {term.symbol: term.sign for term in one.terms}
-    assert signs[OF_EACH] == {"b2m3": 0, "b2m4": 1, "b2m5": 0, "b2m6": 0, "b2m7": 0}
+    assert signs[OF_EACH] == {"b2m3": 0, "b2m4": 1, "b2m5": 1, "b2m6": 1, "b2m7": 1}
     assert signs[OF_MAIN] == {"b2m3": 1, "b2m4": 1}
     # what weighs at the end itself does not twist
     twisting = {symbol for symbol in signs[OF_EACH_TWISTED] if symbol.startswith("w")}
