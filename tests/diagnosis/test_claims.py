@@ -398,7 +398,7 @@ def test_the_shape_of_a_part_of_a_joints_own_function_is_proven_with_the_others_
     search = SimpleNamespace(
         problem=at_,
         candidates=found,
-        signatures=read_signatures(found),
+        traits=SimpleNamespace(signatures=read_signatures(found)),
         compute_displacement=lambda g, _: np.array([size[g]]),
     )
     levels = {g: np.array([1.0, 1.0, p, p]) for g, p in enumerate((0.95, 0.3, 0.1, 0.4, 0.2))}

@@ -34,7 +34,8 @@ FOUND: list[Candidate] = [
 
 
 def search_of(found: list[Candidate]) -> SimpleNamespace:
-    return SimpleNamespace(acting_parts=tuple(found), signatures=read_signatures(found))
+    traits = SimpleNamespace(acting_parts=tuple(found), signatures=read_signatures(found))
+    return SimpleNamespace(traits=traits)
 
 
 def test_what_explanations_of_one_place_share_is_as_probable_as_they_are_together() -> None:

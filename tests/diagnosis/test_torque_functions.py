@@ -57,7 +57,8 @@ def gather(problem: Problem, found: Sequence[tuple[Mechanism, float]], asked: bo
     locate = {one: [k] for k, (one, _) in enumerate(found)}
     theta = np.array([estimate for _, estimate in found])
     view = SimpleNamespace(fitted=SimpleNamespace(theta=theta, locate=locate.__getitem__))
-    search = SimpleNamespace(problem=problem, candidates=candidates, acting_parts=candidates)
+    traits = SimpleNamespace(acting_parts=candidates)
+    search = SimpleNamespace(problem=problem, candidates=candidates, traits=traits)
     return list_together(cast(Any, search), cast(Any, view), range(len(found)))
 
 
