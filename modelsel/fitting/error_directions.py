@@ -35,14 +35,19 @@ def compute_alignment_p(at: Likelihood, part: SharedError) -> float:
 def compute_chance(along: Array, most: Array, count: int, spanned: int = 1) -> float:
     """Compute how often Σ most · cos² is as large as Σ along, the angles being those of random
     directions in `count` dimensions with a plane of `spanned`."""
-    from scipy.special import gammainc, gammaincc
-
     mean, variance, third = _find_moments(count, spanned)
     spread = np.sqrt(variance * np.square(most).sum())
     if spread == 0:
         return 1.0
     z = (along.sum() - mean * most.sum()) / spread
     skewness = third * (most**3).sum() / spread**3
+    return compute_tail(z, skewness)
+
+
+def compute_tail(z: float, skewness: float) -> float:
+    """Compute how often the gamma distribution of mean 0, variance 1 and a skewness exceeds z."""
+    from scipy.special import gammainc, gammaincc
+
     shape = 4 / skewness**2
     beyond = shape + 2 * z / skewness
     # the gamma distribution has its longer tail where the sum has it

@@ -6,7 +6,8 @@ few parts have to be fitted."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 from .error_directions import compute_alignment_p
@@ -15,6 +16,7 @@ from .largest_likelihood import maximise_likelihood
 from .possible_parts import DIRECTIONS, PossiblePart
 from .restricted_likelihood import Likelihood, evaluate_likelihood
 from .shared_errors import SharedError
+from .turned_errors import compute_turned_p
 
 # probability with which chance gives a part that is none, and up to which a part that is not taken
 # for one may be there all the same
@@ -22,7 +24,9 @@ LEVEL = 0.01
 UNSURE = 0.2
 # what the targets of one visit share
 OF_A_VISIT = "configuration", "targets"
-# parts that do not last which are tried at every step
+# what rows of a visit or of a posture share, whatever tells it
+SHARED_BY_ROWS = "configuration"
+# parts that do not last and are no chance, after which no more are tried at a step
 TRIED = 2
 # by so much twice the log likelihood is larger, 20 to 1, where what a joint does comes back with the
 # posture: then it is no joint that does not repeat
@@ -50,11 +54,15 @@ def find_next(
     lengths = _sort_lengths([score.part for score in lasting])
     others = [score for score in scores if not score.lasts]
     # what lasts first: nothing bounds what it may gain
-    tried = lasting[:1] + others[:TRIED]
+    tried = lasting[:1] + others
     best: _Trial | None = None
     unsure: _Trial | None = None
+    standing = 0
     gain_of_even = _measure_even(at, [score.part for score in tried])
+    beside = _Beside.of(at, others)
     for score in tried:
+        if standing == TRIED:
+            break
         may_be_there = score.may_exceed(best, LEVEL)
         is_first = bool(others) and score is others[0]
         if not may_be_there and not (is_first and score.may_exceed(best, UNSURE)):
@@ -63,6 +71,9 @@ def find_next(
         trial = _try(at, score.part, score.variance, even)
         if score.lasts:
             trial = _climb(at, lengths, trial)
+        elif trial.p <= LEVEL:
+            trial = beside.hold(trial)
+            standing += trial.p <= LEVEL
         # what rows of a visit share resembles what lasts for a moment
         if trial.p <= LEVEL and may_be_there and (best is None or trial.worth > best.worth):
             best = trial
@@ -262,6 +273,49 @@ def _try(at: Likelihood, part: PossiblePart, variance: float, even: float) -> _T
     elif part.repeating is not None and _comes_back(at, part.repeating, trial):
         p = 1.0
     return _Trial(part, trial.parts, trial.log, p, even)
+
+
+@dataclass(frozen=True, eq=False)
+class _Beside:
+    """What rows of a visit or of a posture may share in all directions, `shared`, beside a joint that
+    these rows tell: a likelihood without it gives some of that to joints."""
+
+    at: Likelihood
+    shared: tuple[SharedError, ...]
+
+    @classmethod
+    def of(cls, at: Likelihood, scores: Sequence[_Score]) -> _Beside:
+        """Return what rows may share of the parts that are scored."""
+        shared = []
+        for score in scores:
+            if score.part.name == SHARED_BY_ROWS:
+                own = replace(score.part.error, variance=score.variance)
+                shared.append(own)
+        return cls(at, tuple(shared))
+
+    @cached_property
+    def without(self) -> Likelihood:
+        """The likelihood with what rows share, and no joint."""
+        if not self.shared:
+            return self.at
+        return maximise_likelihood(self.at.model, self.shared, self.at.parts, exact=False)
+
+    def hold(self, trial: _Trial) -> _Trial:
+        """Hold the trial of a joint that several rows tell against what these rows share, and against
+        errors of the same lengths that are turned at random."""
+        if not trial.part.by_rows:
+            return trial
+        joint = trial.every[-1]
+        without = self.without
+        both = maximise_likelihood(self.at.model, (*self.shared, joint), self.at.parts, exact=False)
+        gain = both.log - without.log
+        p = compute_p(gain)
+        if p <= LEVEL:
+            turned = compute_turned_p(without, joint)
+            p = max(p, turned)
+        by_chance = trial.part.tests * p
+        p = max(trial.p, by_chance)
+        return trial._replace(p=p)
 
 
 def _comes_back(at: Likelihood, repeating: SharedError, trial: Likelihood) -> bool:

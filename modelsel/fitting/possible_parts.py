@@ -41,6 +41,8 @@ SIZES = "sizes"
 UNSURE = (DIRECTIONS, SIZES)
 # the differences between visits of one posture
 BY_REPEATS = "repeats"
+# the targets of one visit
+BY_TARGETS = "targets"
 # the order of motion, for an error that lasts
 ORDER = "order"
 # draws that a part needs, rows beyond the first of their configuration, and groups
@@ -83,6 +85,12 @@ class PossiblePart:
     even: SharedError | None = None
     compared: Comparison | None = None
     repeating: SharedError | None = None
+
+    @property
+    def by_rows(self) -> bool:
+        """Whether it is a joint that several rows of a visit or of a posture tell."""
+        is_joint = self.name.startswith("joint ")
+        return is_joint and self.told_by in (BY_TARGETS, BY_REPEATS)
 
     def take(self, rows: Index) -> PossiblePart:
         """Return the part of some rows."""
@@ -167,18 +175,19 @@ def _list_joints(problem: Problem, seen: Measurements) -> list[PossiblePart]:
     size = np.sqrt(np.square(whitened).sum(1).mean(1))
     told_by = DIRECTIONS
     if count_excess(seen.configuration, np.arange(len(seen))) >= MIN_EXCESS:
-        told_by = "targets"
+        told_by = BY_TARGETS
     if count_excess(seen.block, seen.configuration) >= MIN_EXCESS:
         told_by = BY_REPEATS
+    moves = np.flatnonzero(size > MIN_LOADING * size.max(initial=TINY)).tolist()
+    # each is as likely by chance as a direction of the instrument: they are one test together
+    tests = len(moves) if told_by == DIRECTIONS else 1
     found = []
-    for j, slides in enumerate(prismatic):
-        if size[j] <= MIN_LOADING * size.max(initial=TINY):
-            continue
+    for j in moves:
         loading = whitened[j].T[:, :, None]
         square = float(np.square(moved[j, :3]).sum(0).mean())
         error = SharedError(np.ascontiguousarray(loading), problem.data.configuration)
-        unit = "mm" if slides else "rad"
-        own = PossiblePart(f"joint {j + 1}", unit, error, square, told_by)
+        unit = "mm" if prismatic[j] else "rad"
+        own = PossiblePart(f"joint {j + 1}", unit, error, square, told_by, tests)
         if told_by == BY_REPEATS:
             own = replace(own, repeating=replace(error, level=problem.data.block))
         found.append(own)
