@@ -61,10 +61,11 @@ def _draw_campaigns(at: Likelihood, part: SharedError, rng: Generator) -> Array:
     direction = rng.standard_normal((m, c, DRAWS))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     length = np.linalg.norm(errors, axis=1)
-    drawn = direction * length[:, None, None]
+    alike = direction * length[:, None, None]
     laid = _list_laid(at)
     single = [one for one in laid if _is_of_row(one)]
-    drawn = np.matmul(_list_roots(single, m, c), drawn)
+    roots = _list_roots(single, m, c)
+    drawn: Array = np.matmul(roots, alike)
     scale = np.sqrt(at.phi)
     for one in laid:
         if not _is_of_row(one):
@@ -102,7 +103,9 @@ def _draw_shared(part: SharedError, rng: Generator) -> Array:
         draws = np.empty_like(normal)
         for rows in group_blocks(part.level):
             draws[rows] = _correlate(part, normal, rows)
-    return np.sqrt(part.variance) * np.matmul(part.loading, draws)
+    moved: Array = np.matmul(part.loading, draws)
+    moved *= np.sqrt(part.variance)
+    return moved
 
 
 def _correlate(part: SharedError, normal: Array, rows: Index) -> Array:

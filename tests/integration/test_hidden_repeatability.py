@@ -18,8 +18,11 @@ import pytest
 from hidden_arm import arm
 from scipy.special import bdtrc
 
-from modelsel import diagnose
+from modelsel import Model, diagnose, mechanism
+from modelsel._typing import Array
 from modelsel.diagnosis.outcome import Diagnosis
+from modelsel.fitting.error_structure import find_structure
+from modelsel.fitting.least_squares import fit
 from modelsel.fitting.part_trials import LEVEL as OF_A_PART
 from modelsel.fitting.possible_parts import list_parts
 from modelsel.fitting.problem import Problem
@@ -114,3 +117,53 @@ def test_nothing_is_made_up_beside_it() -> None:
     more = [study.case for study in every if len(study.told.errors.names) > 1]
     rate = OF_A_PART * max(study.offered for study in every)
     assert not too_many(len(more), len(every), rate), "\n".join(more)
+
+
+# -- where the instrument has heavy tails
+
+# campaigns; postures of each, and times that each is visited
+LOUD_CAMPAIGNS, LOUD_POSTURES, LOUD_TIMES = 24, 30, 3
+
+
+def tell_joints(number: int, size: float) -> tuple[str, tuple[str, ...]]:
+    """Return the name of a joint that is off by one draw a visit, of so many times the noise at the
+    target, and the joints that are said not to repeat: errors have heavy tails (Student, three
+    degrees of freedom), and an arm comes back to every posture."""
+    rng = np.random.default_rng([SEED, 3, number])
+    robot = load_robot(ROBOTS[int(rng.integers(len(ROBOTS)))])
+    tool = rng.uniform([-90, -90, 60], [90, 90, 180])
+    body = arm(robot, rng, tool)
+    q = np.tile(body.draw(rng, LOUD_POSTURES), (LOUD_TIMES, 1))
+    joint = int(rng.integers(body.n - 1))
+    lever = body.screws(q)[:, joint, 5]
+    off = np.zeros_like(q)
+    off[:, joint] = size * NOISE / np.sqrt(np.mean(np.square(lever))) * rng.normal(size=len(q))
+    errors = NOISE * rng.standard_t(3, (len(q), 1)) * draw_directions(rng, len(q))
+    data = build_measurements(q, body.chain(q + off)[0] + errors)
+    at = Problem(robot, data, tool[None])
+    every = np.ones(len(q), bool)
+    base = fit(at, Model((mechanism("geometric", robot),)))
+    found = find_structure(at, every, base, list_parts(at, every))
+    told = tuple(name for name in found.names if name.startswith("joint"))
+    return f"joint {joint + 1}", told
+
+
+def draw_directions(rng: np.random.Generator, rows: int) -> Array:
+    """Draw directions (rows, 3), of a mean square of 1 along each axis."""
+    drawn = rng.normal(size=(rows, 3))
+    length = np.linalg.norm(drawn, axis=1, keepdims=True)
+    return np.sqrt(3) * drawn / length
+
+
+@pytest.mark.slow
+def test_loud_rows_of_repeats_are_no_joint() -> None:
+    told = [tell_joints(number, 0.0)[1] for number in range(LOUD_CAMPAIGNS)]
+    some = [joints for joints in told if joints]
+    assert not too_many(len(some), LOUD_CAMPAIGNS, OF_A_STUDY), (SEED, some)
+
+
+@pytest.mark.slow
+def test_a_joint_is_told_among_loud_rows() -> None:
+    for number in range(STUDIES):
+        joint, told = tell_joints(number, SIZES[1])
+        assert joint in told, (SEED, number, joint, told)
