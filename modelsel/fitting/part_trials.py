@@ -26,7 +26,7 @@ UNSURE = 0.2
 OF_A_VISIT = "configuration", "targets"
 # what rows of a visit or of a posture share, whatever tells it
 SHARED_BY_ROWS = "configuration"
-# parts that do not last and are no chance, after which no more are tried at a step
+# parts that do not last which are tried at every step, and one more for each joint that is turned down
 TRIED = 2
 # by so much twice the log likelihood is larger, 20 to 1, where what a joint does comes back with the
 # posture: then it is no joint that does not repeat
@@ -57,12 +57,13 @@ def find_next(
     tried = lasting[:1] + others
     best: _Trial | None = None
     unsure: _Trial | None = None
-    standing = 0
+    left = TRIED
     gain_of_even = _measure_even(at, [score.part for score in tried])
     beside = _Beside.of(at, others)
     for score in tried:
-        if standing == TRIED:
+        if left == 0:
             break
+        left -= not score.lasts
         may_be_there = score.may_exceed(best, LEVEL)
         is_first = bool(others) and score is others[0]
         if not may_be_there and not (is_first and score.may_exceed(best, UNSURE)):
@@ -73,7 +74,7 @@ def find_next(
             trial = _climb(at, lengths, trial)
         elif trial.p <= LEVEL:
             trial = beside.hold(trial)
-            standing += trial.p <= LEVEL
+            left += trial.p > LEVEL
         # what rows of a visit share resembles what lasts for a moment
         if trial.p <= LEVEL and may_be_there and (best is None or trial.worth > best.worth):
             best = trial

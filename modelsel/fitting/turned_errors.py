@@ -6,7 +6,8 @@ visit together. Its likelihood also gains by a few loud rows: heavy tails resemb
 in single rows (`error_directions`). Rows of a visit or of a posture are not independent then, so that
 no formula says how often: the slope of the likelihood is computed for errors that are drawn, of the
 lengths that the rows have, in random directions, with what they share drawn beside. A gamma
-distribution with the first three moments of these slopes gives the chance."""
+distribution with the first three moments of these slopes gives the chance. In both, errors that are
+much longer than most count as no longer: else a few rows would hide a joint that all others show."""
 
 from __future__ import annotations
 
@@ -23,6 +24,8 @@ from .shared_errors import SharedError, confine, group_blocks
 # campaigns that are drawn, by a stream of their own that is the same in every study
 DRAWS = 400
 SEED = 0
+# lengths of the errors, over their median, beyond which they count as if they were as long
+SOFT = 2.0
 # what keeps the correlations of what lasts from one row to the next positive
 JITTER = 1e-9
 
@@ -32,11 +35,14 @@ def compute_turned_p(at: Likelihood, part: SharedError) -> float:
     as those of a likelihood without it do."""
     rng = np.random.default_rng(SEED)
     part = confine(part, at.layout.parts)
-    own = _measure_slopes(at.innovations, at.square, part)
+    lengths = np.linalg.norm(at.innovations, axis=1)
+    most = SOFT * float(np.median(lengths))
+    if not most:
+        return 1.0
+    own = _measure_slopes(at.innovations, most, part)
     response = _draw_campaigns(at, part, rng)
     innovations = at.solve(response)
-    squares = np.einsum("mcn,mcn->n", response, innovations)
-    drawn = _measure_slopes(innovations, squares, part)
+    drawn = _measure_slopes(innovations, most, part)
     mean = drawn.mean()
     beyond = drawn - mean
     spread = np.sqrt(np.square(beyond).mean())
@@ -47,10 +53,15 @@ def compute_turned_p(at: Likelihood, part: SharedError) -> float:
     return compute_tail(z, skewness)
 
 
-def _measure_slopes(innovations: Array, squares: Array | float, part: SharedError) -> Array:
-    """Measure (n,) yᵀPVPy of innovations P y (m, c, n), V being a part's, over yᵀPy."""
-    moved = part.multiply(innovations)
-    seen = np.einsum("mcn,mcn->n", innovations, moved)
+def _measure_slopes(innovations: Array, most: float, part: SharedError) -> Array:
+    """Measure (n,) yᵀPVPy of innovations P y (m, c, n), V being a part's, over yᵀPPy; no row's counts
+    as longer than `most`."""
+    length = np.linalg.norm(innovations, axis=1, keepdims=True)
+    share = most / np.maximum(length, most)
+    shorter = innovations * share
+    moved = part.multiply(shorter)
+    seen = np.einsum("mcn,mcn->n", shorter, moved)
+    squares = np.einsum("mcn,mcn->n", shorter, shorter)
     return np.asarray(seen / squares)
 
 

@@ -115,13 +115,3 @@ def test_what_targets_share_is_no_joint(rng: Generator) -> None:
     held = [beside.hold(trial) for trial in trials]
     assert min(trial.p for trial in trials) < 1e-6
     assert all(trial.p > LEVEL / 10 for trial in held)
-
-
-def test_joints_told_by_directions_are_one_test(rng: Generator) -> None:
-    q = ARM.draw(rng, 40)
-    once = bind(ARM, build_measurements(q, forward(ARM, q, TOOLS[0])), TOOLS[:1])
-    again = come_back(rng, normal(rng, 2 * POSTURES))
-    for at, tests in ((once, ARM.n), (again, 1)):
-        listed = list_parts(at, np.ones(len(at), bool))
-        joints = [part for part in listed if part.name.startswith("joint")]
-        assert [part.tests for part in joints] == [tests] * ARM.n
