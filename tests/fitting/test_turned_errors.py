@@ -115,3 +115,14 @@ def test_what_targets_share_is_no_joint(rng: Generator) -> None:
     held = [beside.hold(trial) for trial in trials]
     assert min(trial.p for trial in trials) < 1e-6
     assert all(trial.p > LEVEL / 10 for trial in held)
+
+
+@seeds(1, 2, 3)
+def test_a_few_wild_rows_do_not_hide_a_joint(rng: Generator) -> None:
+    rows = 4 * POSTURES
+    readings = np.zeros((rows, ARM.n))
+    readings[:, 1] = rng.uniform(-1, 1, rows) * 5e-4
+    errors = normal(rng, rows)
+    errors[rng.permutation(rows)[:4]] *= 20
+    none, parts = look(come_back(rng, errors, readings))
+    assert compute_turned_p(none, parts["joint 2", "repeats"].error) < LEVEL / 10
