@@ -179,13 +179,15 @@ def _list_joints(problem: Problem, seen: Measurements) -> list[PossiblePart]:
     if count_excess(seen.block, seen.configuration) >= MIN_EXCESS:
         told_by = BY_REPEATS
     moves = np.flatnonzero(size > MIN_LOADING * size.max(initial=TINY)).tolist()
+    # each is as likely by chance as a direction of the instrument: they are one test together
+    tests = len(moves) if told_by == DIRECTIONS else 1
     found = []
     for j in moves:
         loading = whitened[j].T[:, :, None]
         square = float(np.square(moved[j, :3]).sum(0).mean())
         error = SharedError(np.ascontiguousarray(loading), problem.data.configuration)
         unit = "mm" if prismatic[j] else "rad"
-        own = PossiblePart(f"joint {j + 1}", unit, error, square, told_by)
+        own = PossiblePart(f"joint {j + 1}", unit, error, square, told_by, tests)
         if told_by == BY_REPEATS:
             own = replace(own, repeating=replace(error, level=problem.data.block))
         found.append(own)

@@ -126,3 +126,13 @@ def test_a_few_wild_rows_do_not_hide_a_joint(rng: Generator) -> None:
     errors[rng.permutation(rows)[:4]] *= 20
     none, parts = look(come_back(rng, errors, readings))
     assert compute_turned_p(none, parts["joint 2", "repeats"].error) < LEVEL / 10
+
+
+def test_joints_told_by_directions_are_one_test(rng: Generator) -> None:
+    q = ARM.draw(rng, 40)
+    once = bind(ARM, build_measurements(q, forward(ARM, q, TOOLS[0])), TOOLS[:1])
+    again = come_back(rng, normal(rng, 2 * POSTURES))
+    for at, tests in ((once, ARM.n), (again, 1)):
+        listed = list_parts(at, np.ones(len(at), bool))
+        joints = [part for part in listed if part.name.startswith("joint")]
+        assert [part.tests for part in joints] == [tests] * ARM.n
