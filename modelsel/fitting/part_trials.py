@@ -13,7 +13,7 @@ from typing import NamedTuple
 from .error_directions import compute_alignment_p
 from .error_sizes import compute_size_p
 from .largest_likelihood import maximise_likelihood
-from .possible_parts import DIRECTIONS, PossiblePart
+from .possible_parts import BY_TARGETS, DIRECTIONS, PossiblePart
 from .restricted_likelihood import Likelihood, evaluate_likelihood
 from .shared_errors import SharedError
 from .turned_errors import compute_turned_p
@@ -22,10 +22,9 @@ from .turned_errors import compute_turned_p
 # for one may be there all the same
 LEVEL = 0.01
 UNSURE = 0.2
-# what the targets of one visit share
-OF_A_VISIT = "configuration", "targets"
-# what rows of a visit or of a posture share, whatever tells it
+# what rows of a visit or of a posture share, whatever tells it, and what the targets of one visit do
 SHARED_BY_ROWS = "configuration"
+OF_A_VISIT = SHARED_BY_ROWS, BY_TARGETS
 # parts that do not last which are tried at every step, and one more for each joint that is turned down
 TRIED = 2
 # by so much twice the log likelihood is larger, 20 to 1, where what a joint does comes back with the
@@ -314,9 +313,7 @@ class _Beside:
         if p <= LEVEL:
             turned = compute_turned_p(without, joint)
             p = max(p, turned)
-        by_chance = trial.part.tests * p
-        p = max(trial.p, by_chance)
-        return trial._replace(p=p)
+        return trial._replace(p=max(trial.p, p))
 
 
 def _comes_back(at: Likelihood, repeating: SharedError, trial: Likelihood) -> bool:

@@ -302,10 +302,10 @@ def _list_shared(problem: Problem, seen: Measurements, loading: Array) -> list[P
     found = []
     if count_excess(seen.configuration, np.arange(len(seen))) >= MIN_EXCESS:
         error = SharedError(loading, data.configuration)
-        found.append(PossiblePart("configuration", "mm", error, 3.0, "targets"))
+        found.append(PossiblePart("configuration", "mm", error, 3.0, BY_TARGETS))
     if count_excess(seen.block, seen.configuration) >= MIN_EXCESS:
         error = SharedError(loading, data.block)
-        found.append(PossiblePart("configuration", "mm", error, 3.0, "repeats"))
+        found.append(PossiblePart("configuration", "mm", error, 3.0, BY_REPEATS))
     count = np.bincount(seen.group)
     groups = int((count > 0).sum())
     if groups >= MIN_GROUPS and count.max() <= MAX_BLOCK and len(seen) >= 2 * groups:
