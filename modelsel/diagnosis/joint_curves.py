@@ -72,10 +72,16 @@ class Curve:
         """Compute the products (c, k) of all columns with those of one candidate."""
         if member not in self._known:
             own = self.index[self.slices[member]]
-            vectors = self.columns.expand(own)
-            products = self.columns.dot(vectors.T)
-            self._known[member] = products[self.index]
+            self._known[member] = self._compute_products(own)
         return self._known[member]
+
+    def _compute_products(self, own: Index) -> Array:
+        """Compute the products (c, k) of all columns with some; at one place, of their causes."""
+        fields = self.columns.lone_field[self.index]
+        if fields[0] >= 0 and (fields == fields[0]).all():
+            return self.columns.multiply(self.index, own)
+        vectors = self.columns.expand(own)
+        return self.columns.dot(vectors.T)[self.index]
 
 
 @dataclass(frozen=True, eq=False)

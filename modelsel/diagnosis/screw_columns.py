@@ -133,6 +133,18 @@ class ScrewColumns:
         first = np.minimum(self.starts[:-1], max(len(self.pairs[0]) - 1, 0))
         return np.where(is_lone, self.pairs[1][first], -1)
 
+    def multiply(self, columns: Index, others: Index) -> Array:
+        """Compute the products (k, l) of some columns with others, both of one screw at one place."""
+        total = np.zeros((len(columns), len(others)))
+        for block in self.blocks:
+            _, weighed = self._expand_causes(block, others)
+            cause = self.pairs[2, self.starts[columns]]
+            is_wide = cause < len(block.wide)
+            total[is_wide] += block.evaluate_causes(cause[is_wide]) @ weighed.T
+            local = cause[~is_wide] - len(block.wide)
+            total[~is_wide] += block.local.dot(local, weighed.T)
+        return total
+
     def expand_causes(self, columns: Index) -> tuple[Array, Array]:
         """Compute the causes (k, m) of columns of one screw, as they are and weighed.
 

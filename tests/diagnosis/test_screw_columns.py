@@ -200,6 +200,9 @@ def test_splines_are_kept_where_they_are_not_zero(rng: np.random.Generator) -> N
     np.testing.assert_allclose(
         screws.gram(at_one_place), own_columns.T @ own_columns, rtol=1e-11, atol=1e-6
     )
+    others = at_one_place[[-1, 3, 4]]  # a wide cause and two splines
+    products = screws.multiply(at_one_place, others)
+    np.testing.assert_allclose(products, own_columns.T @ X[:, others], rtol=1e-11, atol=1e-6)
     squares = screws.mean_squares(at, splines)
     for one in splines:
         assert squares[one] == pytest.approx(np.square(one.of(at.state)).mean(), rel=1e-12)

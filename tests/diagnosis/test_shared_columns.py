@@ -90,6 +90,21 @@ def test_products_grams_and_columns_are_those_written_out(
         np.testing.assert_allclose(gram, X.T @ X, atol=1e-9 * size**2 * len(X))
 
 
+@pytest.mark.parametrize("kind", [visits, lasting])
+@seeds(1, 2)
+def test_products_at_one_place_are_those_of_the_columns(
+    rng: np.random.Generator, kind: object
+) -> None:
+    at = sharing(rng, kind, stated=True)
+    screws = searched(at)[1].screws
+    field = rng.choice(screws.lone_field[screws.lone_field >= 0])
+    some = np.flatnonzero(screws.lone_field == field)
+    others = rng.choice(some, 3)
+    products = screws.multiply(some, others)
+    wanted = screws.expand(some) @ screws.expand(others).T
+    np.testing.assert_allclose(products, wanted, atol=1e-11 * np.abs(wanted).max())
+
+
 @pytest.mark.slow
 @seeds(1, 2)
 def test_the_scan_is_that_of_generalised_least_squares(rng: np.random.Generator) -> None:
