@@ -6,14 +6,24 @@ the turn's moment about that: its place on the flange is among the causes."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 from ..robot.gravity import G, declares_masses, find_gravity_joints
 from ..robot.kinematics import Robot
 from .beams import bend_beam, bend_tube, build_screws, can_bend, turn_end, twist_beam
 from .bodies import find_line_end, list_bodies, list_main_bodies
 from .causes import ONE, Cause, Combined, Named, Number
-from .compliance import COMPLIANCE, HEAVY, SOURCE, UNKNOWN, WITH_PAYLOAD, later_frames, mass_choices
+from .compliance import (
+    COMPLIANCE,
+    DECLARED,
+    HEAVY,
+    SOURCE,
+    UNKNOWN,
+    WITH_PAYLOAD,
+    later_frames,
+    mass_choices,
+)
 from .terms import Mechanism, Screw, Term
 
 PAYLOAD = Named("payload_kg", "kg")
@@ -22,17 +32,17 @@ OF_ONE_KG = Number(G / 1e3, "N m/kg mm")
 # what is known of a payload on the flange and of what yields there: it hangs at the target (at the mean of
 # several), and all axes yield alike; it hangs anywhere; and each axis has a stiffness of its own
 AT_TARGET, ANYWHERE, EACH_AXIS = 0, 1, 2
-# what bends: the end of a link, which turns; or, from these numbers on, the link all along, as a round tube
-# or with a stiffness of its own against twist
-TUBE, BEAM = 3, 6
-# a link all along under masses that are not known, a number each: a tube, with masses at every joint beyond it
-# and at the target, at the main ones alone, or at the end of its line alone; a beam with a twist of its own
+# what bends a link, by numbers that results keep: the end alone, by what is known of the masses (`compliance`);
+# the link all along, as a round tube or with a stiffness of its own against twist
+TUBE, TUBE_WITH_PAYLOAD, BEAM, BEAM_WITH_PAYLOAD = 3, 5, 6, 8
+# the same under masses that are not known: a tube, with masses at every joint beyond it and at the target, at
+# the main ones alone, or at the end of its line alone; a beam with a twist of its own
 OF_EACH, OF_MAIN, OF_ONE, OF_EACH_TWISTED = 4, 7, 10, 13
+# what bends all along under the masses that are declared, and the same under these and the payload
+UNDER_BOTH = {TUBE: TUBE_WITH_PAYLOAD, BEAM: BEAM_WITH_PAYLOAD}
 BENT_END, BENT_LINK = "flange or bolts at its end", "link that bends"
 BENDING_PARTS = ("adapter or tool changer that bends", "flange or its bolts", "bracket of the load")
 Bend = Callable[..., dict[str, Cause]]
-# what moves the end, one a number: of an end that turns, of a tube, and of a beam with its own twist
-FORMS: tuple[tuple[Bend, ...], ...] = ((turn_end,), (bend_tube,), (bend_beam, twist_beam))
 # causes along x, y and z: None for nothing
 Vector = tuple[Cause | None, ...]
 # the target's place in the flange, that of a payload, and which way gravity pulls there
@@ -40,6 +50,50 @@ PLACE: Vector = tuple(Named(f"on_flange_{axis}_mm", "mm") for axis in "xyz")
 HANGS: Vector = tuple(Named(f"load_on_flange_{axis}_mm", "mm") for axis in "xyz")
 PULL: Vector = tuple(Named(f"down_{axis}") for axis in "xyz")
 MINUS = Number(-1.0)
+
+
+def _list_later(robot: Robot, link: int) -> Sequence[int]:
+    """List the frames beyond a link's end where a mass may sit."""
+    return later_frames(robot, link + 1)
+
+
+def _list_line_end(robot: Robot, link: int) -> Sequence[int]:
+    """List the frame at the end of a link's line alone."""
+    return (find_line_end(robot, link),)
+
+
+class Form(NamedTuple):
+    """How a link bends, and under which masses.
+
+    `bends`: what moves its end, one a number; `bodies`: where masses sit that are not known, of a robot and a
+    link; `of_payload`: whether the payload bends it besides."""
+
+    bends: tuple[Bend, ...]
+    bodies: Callable[[Robot, int], Sequence[int]] | None = None
+    of_payload: bool = False
+
+    @property
+    def is_end(self) -> bool:
+        """Whether the end alone yields."""
+        return self.bends == END
+
+
+END: tuple[Bend, ...] = (turn_end,)
+AS_TUBE: tuple[Bend, ...] = (bend_tube,)
+AS_BEAM: tuple[Bend, ...] = bend_beam, twist_beam
+FORMS = {
+    DECLARED: Form(END),
+    UNKNOWN: Form(END, _list_later),
+    WITH_PAYLOAD: Form(END, of_payload=True),
+    TUBE: Form(AS_TUBE),
+    TUBE_WITH_PAYLOAD: Form(AS_TUBE, of_payload=True),
+    BEAM: Form(AS_BEAM),
+    BEAM_WITH_PAYLOAD: Form(AS_BEAM, of_payload=True),
+    OF_EACH: Form(AS_TUBE, list_bodies),
+    OF_MAIN: Form(AS_TUBE, list_main_bodies),
+    OF_ONE: Form(AS_TUBE, _list_line_end),
+    OF_EACH_TWISTED: Form(AS_BEAM, list_bodies),
+}
 
 
 def find_bending_links(robot: Robot) -> tuple[int, ...]:
@@ -59,8 +113,11 @@ def list_bendings(robot: Robot, link: int) -> tuple[int, ...]:
     ends = mass_choices(robot, joint)
     if not can_bend(robot, link):
         return ends
-    known = [masses for masses in ends if masses != UNKNOWN]
-    bent = [form + masses for form in _list_beams(robot, link) for masses in known]
+    bent = []
+    for number in _list_beams(robot, link):
+        bent.append(number)
+        if WITH_PAYLOAD in ends:
+            bent.append(UNDER_BOTH[number])
     if not declares_masses(robot):
         bent += _list_unknown(robot, link)
     return (*ends, *bent)
@@ -87,80 +144,58 @@ def link_bending(robot: Robot, link: int, bending: int) -> Mechanism:
     """A link's far end turns in proportion to the moment there, with one stiffness; or it turns and
     shifts as the end of a beam does. Under the declared (or unit) masses, under unknown ones, a term
     each, or under the declared ones and the payload (`bending`: one of `list_bendings`)."""
-    f = link + 1
-    form, masses = divmod(bending, TUBE)
-    of_payload = masses == WITH_PAYLOAD
-    if masses == UNKNOWN and form:
-        return _bend_by_each(robot, link, bending)
-    terms = []
-    for symbol, bend in zip("bw", FORMS[form], strict=False):
-        held = {}
-        if of_payload:
-            held = bend(robot, link, robot.n + 1)
-        own = bend(robot, link)
-        screws = build_screws(f, own, held, PAYLOAD)
-        term = Term(f"{symbol}{link}", screws, COMPLIANCE, 1)
-        terms.append(term)
-    if masses == UNKNOWN:
-        terms = _turn_by_each(robot, link)
-    payload = " and of the payload, with the masses as declared" if of_payload else ""
-    weight = f"weight beyond it{payload}"
+    form = FORMS[bending]
+    weight = "weight beyond it"
+    if form.of_payload:
+        weight = f"{weight} and of the payload, with the masses as declared"
+    described = _describe(link, weight, form)
+    if form.bodies is None:
+        terms = _bend_by_all(robot, link, form)
+    else:
+        bodies = form.bodies(robot, link)
+        terms = _bend_by_each(robot, link, form, bodies)
+        if not form.is_end:
+            frames = ", ".join(map(str, bodies))
+            weight = f"{weight}, of masses that are not known at frames {frames}"
     return Mechanism(
         f"link-bending:{link}",
         tuple(terms),
-        _describe(link, weight, form),
-        _equate(f, weight, form),
+        described,
+        _equate(link + 1, weight, form),
         SOURCE,
         usual_causes=_list_parts(link, form),
     )
 
 
-def _turn_by_each(robot: Robot, link: int) -> list[Term]:
-    """List the terms of a link's end that turns with masses that are not known, one a frame."""
-    f = link + 1
+def _bend_by_all(robot: Robot, link: int, form: Form) -> list[Term]:
+    """List the terms of a link that bends under all masses beyond it together."""
     terms = []
-    for k in later_frames(robot, f):
-        turned = turn_end(robot, link, k)
-        screws = build_screws(f, turned)
-        term = Term(f"b{link}m{k}", screws, HEAVY, 1)
-        terms.append(term)
+    for symbol, bend in zip("bw", form.bends, strict=False):
+        held = {}
+        if form.of_payload:
+            held = bend(robot, link, robot.n + 1)
+        own = bend(robot, link)
+        screws = build_screws(link + 1, own, held, PAYLOAD)
+        terms.append(Term(f"{symbol}{link}", screws, COMPLIANCE, 1))
     return terms
 
 
-def _bend_by_each(robot: Robot, link: int, bending: int) -> Mechanism:
-    """Build a link that bends all along under masses that are not known, a term each.
+def _bend_by_each(robot: Robot, link: int, form: Form, bodies: Sequence[int]) -> list[Term]:
+    """List the terms of a link that bends under masses that are not known, one for each that has a moment.
 
     Masses beside the lines between the joints may have more moment than at these: of many masses that at
     the link's own end, which has none, takes the difference, and may be less than nothing."""
-    f = link + 1
-    bodies = list_bodies(robot, link)
-    unsigned = {f}
-    if bending == OF_MAIN:
-        bodies, unsigned = list_main_bodies(robot, link), set()
-    if bending == OF_ONE:
-        bodies = (find_line_end(robot, link),)
-    form = 1
-    if bending == OF_EACH_TWISTED:
-        form = 2
+    end = link + 1
+    takes_difference = form.bodies is list_bodies
     terms = []
-    for symbol, bend in zip("bw", FORMS[form], strict=False):
-        for k in bodies:
-            bent = bend(robot, link, k)
-            screws = build_screws(f, bent)
+    for symbol, bend in zip("bw", form.bends, strict=False):
+        for body in bodies:
+            bent = bend(robot, link, body)
+            screws = build_screws(end, bent)
             if screws:
-                sign = int(k not in unsigned)
-                term = Term(f"{symbol}{link}m{k}", screws, HEAVY, sign)
-                terms.append(term)
-    frames = ", ".join(map(str, bodies))
-    weight = f"weight beyond it, of masses that are not known at frames {frames}"
-    return Mechanism(
-        f"link-bending:{link}",
-        tuple(terms),
-        _describe(link, "weight beyond it", form),
-        _equate(f, weight, form),
-        SOURCE,
-        usual_causes=_list_parts(link, form),
-    )
+                sign = 0 if body == end and takes_difference else 1
+                terms.append(Term(f"{symbol}{link}m{body}", screws, HEAVY, sign))
+    return terms
 
 
 def find_loaded_links(robot: Robot) -> tuple[int, ...]:
@@ -196,9 +231,9 @@ def payload_bending(robot: Robot, link: int, load: int) -> Mechanism:
     if link == robot.n:
         return _bend_flange(robot, load)
     f = link + 1
-    form = load // TUBE
+    form = FORMS[load]
     terms = []
-    for symbol, bend in zip("bw", FORMS[form], strict=False):
+    for symbol, bend in zip("bw", form.bends, strict=False):
         held = bend(robot, link, robot.n + 1)
         screws = build_screws(f, {}, held, PAYLOAD)
         term = Term(f"{symbol}{link}p", screws, COMPLIANCE, 1)
@@ -213,33 +248,32 @@ def payload_bending(robot: Robot, link: int, load: int) -> Mechanism:
     )
 
 
-def _describe(link: int, weight: str, form: int) -> str:
+def _describe(link: int, weight: str, form: Form) -> str:
     """Describe what a link does under a weight, in a sentence."""
-    if form:
-        numbers = len(FORMS[form])
-        bends = "bends and twists" if numbers > 1 else "bends"
-        return (
-            f"Link {link} {bends} as a beam does, under the moment and the force of the {weight}."
-        )
-    return f"The far end of link {link} turns in proportion to the moment of the {weight}."
+    if form.is_end:
+        return f"The far end of link {link} turns in proportion to the moment of the {weight}."
+    bends = "bends and twists" if form.bends == AS_BEAM else "bends"
+    return f"Link {link} {bends} as a beam does, under the moment and the force of the {weight}."
 
 
-def _equate(frame: int, weight: str, form: int) -> str:
+def _equate(frame: int, weight: str, form: Form) -> str:
     """Write the equation of a link's end under a weight."""
-    if not form:
+    if form.is_end:
         return f"rotation of frame {frame} = b · moment of the {weight}"
-    twist = "and w · moment along it" if len(FORMS[form]) > 1 else "1.3 times as much about itself"
+    twist = "1.3 times as much about itself"
+    if form.bends == AS_BEAM:
+        twist = "and w · moment along it"
     return (
         f"rotation of frame {frame} = b (M + L × F / 2), {twist}, its shift = b (M / 2 + L × F / 3) × L, "
         f"with moment M there and force F of the {weight}, and the link's length L"
     )
 
 
-def _list_parts(link: int, form: int) -> tuple[str, ...]:
+def _list_parts(link: int, form: Form) -> tuple[str, ...]:
     """List the parts that usually yield."""
-    if form:
-        return (BENT_LINK,)
-    return BENT_LINK, BENT_END, f"bearing of joint {link + 1}"
+    if form.is_end:
+        return BENT_LINK, BENT_END, f"bearing of joint {link + 1}"
+    return (BENT_LINK,)
 
 
 def _bend_flange(robot: Robot, load: int) -> Mechanism:
