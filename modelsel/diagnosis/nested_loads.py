@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._typing import Index
+from ..mechanisms.bending import LINK_BENDING, PAYLOAD_BENDING
 from ..mechanisms.compliance import has_known_masses, needs_both_loads
 from ..mechanisms.terms import Mechanism
 from .candidates import Candidate
@@ -22,7 +23,7 @@ from .candidates import Candidate
 COMPLIANCE = "joint-compliance"
 OF_PAYLOAD = {
     "payload-deflection": COMPLIANCE,
-    "payload-bending": "link-bending",
+    PAYLOAD_BENDING: LINK_BENDING,
     "payload-tilt": "base-tilt",
 }
 # by which shoulder and elbow yield to the arm's weight, too

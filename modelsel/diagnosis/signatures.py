@@ -13,6 +13,7 @@ import numpy as np
 from .._typing import Index
 from ..measurements.reference_temperature import TEMPERATURE
 from ..measurements.state_names import StateKind, is_where_target_is, parse_state_name, state_kind
+from ..mechanisms.bending import LINK_BENDING, PAYLOAD_BENDING
 from ..mechanisms.compliance import PAYLOAD
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
@@ -39,7 +40,7 @@ SHAPELESS = (
 )
 
 # links that bend, by the moment at their end or all along
-BENT = ("link-bending", "payload-bending")
+BENT = LINK_BENDING, PAYLOAD_BENDING
 # a torque of 1 kg at a frame is the torque of masses that are not known
 WITHOUT_MASSES = {
     StateKind.UNIT_TORQUE: StateKind.TORQUE,

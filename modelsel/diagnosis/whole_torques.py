@@ -12,6 +12,7 @@ import numpy as np
 
 from ..fitting.problem import Problem
 from ..mechanisms.beams import name_moments
+from ..mechanisms.bending import LINK_BENDING
 from ..mechanisms.causes import Cause, Named, torque
 from ..mechanisms.compliance import PAYLOAD, payload_torque, whole_torque
 from ..mechanisms.gravity_effects import list_base_loads
@@ -20,7 +21,6 @@ from ..mechanisms.terms import Mechanism
 from ..robot.gravity import declares_masses_beyond, find_gravity_joints
 from ..robot.kinematics import Robot
 
-BENDING = "link-bending"
 HELD = Named(PAYLOAD, "kg")
 # share of the payload's torque, both by how much they change, from which the arm's own is seen
 LEAST_OWN = 0.1
@@ -47,7 +47,7 @@ def sees_loads_of(problem: Problem, mechanism: Mechanism) -> bool:
         first = min(find_gravity_joints(robot), default=1)
         loads = list_base_loads(robot)
         return declares_masses_beyond(robot, first) and _sees_own(problem, loads)
-    if mechanism.stem != BENDING:
+    if mechanism.stem != LINK_BENDING:
         return sees_both_loads(problem, joint)
     frame = joint + 1
     target = robot.n + 1

@@ -26,6 +26,7 @@ from .compliance import (
 )
 from .terms import Mechanism, Screw, Term
 
+LINK_BENDING, PAYLOAD_BENDING = "link-bending", "payload-bending"
 PAYLOAD = Named("payload_kg", "kg")
 # N m of 1 kg a millimetre aside
 OF_ONE_KG = Number(G / 1e3, "N m/kg mm")
@@ -158,7 +159,7 @@ def link_bending(robot: Robot, link: int, bending: int) -> Mechanism:
             frames = ", ".join(map(str, bodies))
             weight = f"{weight}, of masses that are not known at frames {frames}"
     return Mechanism(
-        f"link-bending:{link}",
+        f"{LINK_BENDING}:{link}",
         tuple(terms),
         described,
         _equate(link + 1, weight, form),
@@ -239,7 +240,7 @@ def payload_bending(robot: Robot, link: int, load: int) -> Mechanism:
         term = Term(f"{symbol}{link}p", screws, COMPLIANCE, 1)
         terms.append(term)
     return Mechanism(
-        f"payload-bending:{link}",
+        f"{PAYLOAD_BENDING}:{link}",
         tuple(terms),
         _describe(link, "payload", form),
         _equate(f, "payload at the target", form),
@@ -279,7 +280,7 @@ def _list_parts(link: int, form: Form) -> tuple[str, ...]:
 def _bend_flange(robot: Robot, load: int) -> Mechanism:
     n = robot.n
     return Mechanism(
-        f"payload-bending:{n}",
+        f"{PAYLOAD_BENDING}:{n}",
         tuple(_list_flange_terms(n, load)),
         "The flange, or what is bolted to it, turns in proportion to the moment of the payload.",
         "rotation of the flange = b · payload_kg · moment of 1 kg where the payload hangs",

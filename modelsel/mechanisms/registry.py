@@ -110,11 +110,11 @@ _BUILTIN: Registry = {
         compliance.joint_compliance, compliance.mass_choices, motors.find_payload_motors
     ),
     "lateral-compliance": PerJoint(compliance.lateral_compliance, find_bearing_joints),
-    "link-bending": Scanned(
+    bending.LINK_BENDING: Scanned(
         bending.link_bending, bending.list_bendings, bending.find_bending_links
     ),
     "payload-deflection": PerJoint(compliance.payload_deflection, motors.find_payload_motors),
-    "payload-bending": Scanned(
+    bending.PAYLOAD_BENDING: Scanned(
         bending.payload_bending, bending.list_loads, bending.find_loaded_links
     ),
     "payload-tilt": gravity_effects.payload_tilt,

@@ -14,6 +14,7 @@ from .._typing import Array
 from ..diagnosis.springs_apart import SpringsApart
 from ..diagnosis.whole_torques import find_load
 from ..mechanisms.beams import name_moments
+from ..mechanisms.bending import LINK_BENDING
 from ..mechanisms.causes import torque
 from ..mechanisms.compliance import has_known_masses, needs_both_loads, payload_torque, whole_torque
 from ..mechanisms.motors import motor_torque, name_drive
@@ -161,7 +162,7 @@ def _find_load(mechanism: Mechanism, frame: int, workspace: Workspace) -> Array:
     motor = mechanism.joint or frame
     if mechanism.stem == "payload-deflection":
         return np.asarray(np.abs(problem.cause(payload_torque(robot, motor))))
-    if mechanism.stem == "link-bending":
+    if mechanism.stem == LINK_BENDING:
         return _weigh_end(mechanism, frame, workspace)
     if needs_both_loads(mechanism):
         return np.asarray(np.abs(problem.cause(whole_torque(robot, motor))))
@@ -197,7 +198,7 @@ def _weigh_turn(mechanism: Mechanism, frame: int, workspace: Workspace) -> Array
 def _describe_motion(mechanism: Mechanism, frame: int, robot: Robot) -> str:
     if mechanism.stem == "lateral-compliance":
         return f"tilt of joint {frame}'s axis"
-    if mechanism.stem == "link-bending":
+    if mechanism.stem == LINK_BENDING:
         both = " under the arm's weight and the payload" if needs_both_loads(mechanism) else ""
         return f"turn of the end of link {frame - 1}{both}"
     drive = name_drive(robot, mechanism.joint or frame)
