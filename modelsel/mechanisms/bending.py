@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from ..robot.gravity import G, declares_masses, find_gravity_joints
+from ..robot.gravity import G, declares_masses_beyond, find_gravity_joints
 from ..robot.kinematics import Robot
 from .beams import bend_beam, bend_tube, build_screws, can_bend, turn_end, twist_beam
 from .bodies import find_line_end, list_bodies, list_main_bodies
@@ -108,8 +108,8 @@ def find_bending_links(robot: Robot) -> tuple[int, ...]:
 
 def list_bendings(robot: Robot, link: int) -> tuple[int, ...]:
     """List what may bend of a link, and what is known of the masses beyond it: known ones, with the
-    payload where they are declared, and unknown ones. With these only the end is tried where masses are
-    declared: a beam with a number for each mass would take the shape of many other errors."""
+    payload where they are declared, and unknown ones. With these only the end is tried where all masses
+    beyond it are declared: a beam with a number for each mass would take the shape of many other errors."""
     joint = link + 1
     ends = mass_choices(robot, joint)
     if not can_bend(robot, link):
@@ -119,7 +119,7 @@ def list_bendings(robot: Robot, link: int) -> tuple[int, ...]:
         bent.append(number)
         if WITH_PAYLOAD in ends:
             bent.append(UNDER_BOTH[number])
-    if not declares_masses(robot):
+    if not declares_masses_beyond(robot, joint):
         bent += _list_unknown(robot, link)
     return (*ends, *bent)
 

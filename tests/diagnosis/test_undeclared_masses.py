@@ -3,6 +3,8 @@ other: planted in exact positions, under masses drawn along the links."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from bent_links import Heavy, bend, draw_masses, line_of, load_by, place_target, without_masses
@@ -36,6 +38,15 @@ def draw(rng: Rng, *names: str) -> tuple[Robot, Array, Array, Heavy]:
     arm = without_masses(load_robot(str(rng.choice(names or ARMS))))
     tool = np.array([60.0, -50.0, 90.0]) + rng.uniform(-20, 20, 3)
     return arm, arm.draw(rng, ROWS), tool, draw_masses(arm, tool, rng)
+
+
+def declare_last(arm: Robot, heavy: Heavy) -> Robot:
+    """The arm with the mass of its last link alone, as of a gripper that was weighed."""
+    _, mass, where = heavy[-1]
+    x, y, z = where.tolist()
+    *others, last = arm.joints
+    weighed = replace(last, mass=mass, com=(x, y, z))
+    return replace(arm, joints=(*others, weighed))
 
 
 def bend_link(arm: Robot, link: int, q: Array, tool: Array, heavy: Heavy) -> Array:
@@ -79,10 +90,15 @@ def list_causes(diagnosis: Diagnosis) -> list[str]:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("declared", ["none", "of the last link"])
 @seeds(1, 2, 3)
-def test_a_link_that_bends_under_masses_that_are_not_declared_is_told(rng: Rng) -> None:
+def test_a_link_that_bends_under_masses_that_are_not_declared_is_told(
+    rng: Rng, declared: str
+) -> None:
     """The upper arm or the forearm: no joint is blamed for it."""
     arm, q, tool, heavy = draw(rng)
+    if declared == "of the last link":
+        arm = declare_last(arm, heavy)
     link = int(rng.integers(2, 4))
     moved = bend_link(arm, link, q, tool, heavy)
     find_cause(diagnose(arm, q, tool, moved, rng), f"{BENDING}:{link}")
@@ -143,10 +159,15 @@ def test_masses_anywhere_along_the_links_weigh_as_masses_at_the_joints(
         np.testing.assert_allclose(columns @ numbers, moved, atol=1e-4 * np.abs(moved).max())
 
 
-def test_a_link_bends_under_masses_that_are_not_known_where_none_are_declared() -> None:
-    """And not the links of the wrist."""
+@pytest.mark.parametrize("weighed", [False, True])
+def test_a_link_bends_under_masses_that_are_not_known_where_one_is_not_declared(
+    weighed: bool,
+) -> None:
+    """And not the links of the wrist; `weighed`: the last link alone."""
     declared = load_robot("ur10e")
     arm = without_masses(declared)
+    if weighed:
+        arm = replace(arm, joints=(*arm.joints[:-1], declared.joints[-1]))
     unknown = {OF_EACH, OF_MAIN, OF_EACH_TWISTED}
     for link in range(1, arm.n):
         assert not unknown & set(list_bendings(declared, link))
