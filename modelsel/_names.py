@@ -27,7 +27,8 @@ NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 
 def find_hidden_character(text: str) -> str | None:
     """Find the first character that no name may hold; None where there is none."""
-    if text.isascii() and text.isprintable():
+    # nothing that is printable is hidden
+    if text.isprintable():
         return None
     hidden = [c for c in set(text) if _is_hidden(c)]
     return min(hidden, key=text.index, default=None)
