@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from itertools import combinations
 
 import numpy as np
@@ -193,6 +194,7 @@ def tracker_drift(robot: Robot, knots: float) -> Mechanism:
     )
 
 
+@cache
 def step_after(at: float) -> Cause:
     """Return a step, 0 before a moment of the campaign, 1 after it: its coefficient is the whole
     move."""

@@ -227,6 +227,10 @@ class Mechanism:
 
     def names(self) -> frozenset[str]:
         """Return the names its causes need from the state."""
+        return self._names
+
+    @cached_property
+    def _names(self) -> frozenset[str]:
         return frozenset[str]().union(*self._names_by_place.values())
 
     def names_by_place(self) -> dict[tuple[int, str], frozenset[str]]:
