@@ -85,10 +85,11 @@ def evaluate_everywhere(
         out = np.empty(shape)
     known: dict[Cause, Array | float] = {}
     phasors = Phasors(problem.state)
-    uses = Counter(function for cause in causes for function in _list_functions(cause))
-    for row, cause in zip(out, causes, strict=True):
+    combined = [list(_list_functions(cause)) for cause in causes]
+    uses = Counter(function for functions in combined for function in functions)
+    for row, cause, functions in zip(out, causes, combined, strict=True):
         row[:] = _evaluate(cause, phasors, known)
-        for function in _list_functions(cause):
+        for function in functions:
             uses[function] -= 1
             if not uses[function]:
                 known.pop(function, None)

@@ -28,6 +28,7 @@ def drop_equal_constants(problem: Problem, mechanisms: Sequence[Mechanism]) -> l
     out: they are these rows' errors."""
     constants = Counter(m.name for m in mechanisms)
     probe = np.random.default_rng(0).normal(size=len(problem))
+    products: dict[Cause, bytes] = {}
     earlier: dict[tuple[object, ...], list[list[Mechanism]]] = {}
     groups: list[list[Mechanism]] = []
     for m in mechanisms:
@@ -35,7 +36,7 @@ def drop_equal_constants(problem: Problem, mechanisms: Sequence[Mechanism]) -> l
         if constants[m.name] == 1 and not is_own_step:
             groups.append([m])
         elif has_both_sides(problem, m):
-            key = _build_key(problem, m, probe)
+            key = _build_key(problem, m, probe, products)
             known = earlier.setdefault(key, [])
             same = _find_same(problem, m, known)
             if same is None:
@@ -88,12 +89,14 @@ def _has_both(problem: Problem, mechanism: Mechanism, values: Array) -> bool:
     return bool(fewest >= COORDINATES_OF_STEP * len(mechanism.terms))
 
 
-def _build_key(problem: Problem, mechanism: Mechanism, probe: Array) -> tuple[object, ...]:
+def _build_key(
+    problem: Problem, mechanism: Mechanism, probe: Array, products: dict[Cause, bytes]
+) -> tuple[object, ...]:
     """Build a key that two constants of a mechanism share where they do the same on all rows.
 
-    `probe` (m,) turns the values of a cause into one number, so that none are kept."""
+    `probe` (m,) turns the values of a cause into one number, so that none are kept; `products`: these
+    numbers, to which those of the mechanism are added."""
     key: list[object] = [mechanism.name]
-    products: dict[Cause, bytes] = {}
     for term in mechanism.terms:
         for screw in term.screws:
             if screw.cause not in products:
@@ -107,4 +110,5 @@ def _build_key(problem: Problem, mechanism: Mechanism, probe: Array) -> tuple[ob
 def _evaluate_causes(problem: Problem, mechanism: Mechanism) -> list[bytes]:
     """Evaluate the causes of a mechanism's screws at all rows, one after the other."""
     causes = [screw.cause for term in mechanism.terms for screw in term.screws]
-    return [np.asarray(cause.of(problem.state)).tobytes() for cause in causes]
+    values = {cause: np.asarray(cause.of(problem.state)).tobytes() for cause in set(causes)}
+    return [values[cause] for cause in causes]
