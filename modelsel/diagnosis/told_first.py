@@ -65,8 +65,8 @@ def sum_constants(found: Sequence[Candidate], g: int) -> float:
     """Sum the prior probabilities of the shape of candidate g with any constant, or of its mechanism
     in any form."""
     own = found[g]
-    of_kind = [other for other in found if other.kind is own.kind and other is not own]
-    others = [other.prior for other in of_kind if _is_one_question(own, other)]
+    alike = _find_alike(found, own)
+    others = [found[k].prior for k in alike if found[k] is not own]
     return own.prior + sum(others)
 
 
@@ -75,37 +75,43 @@ def find_constant(found: Sequence[Candidate], g: int, evidence: Array) -> Candid
     the priors; it takes over the prior. None where candidate g has it, or has no constant. The masses
     that make a mechanism's torque, declared or unknown, are such a constant."""
     own = found[g]
-    of_kind = [k for k, other in enumerate(found) if other.kind is own.kind]
-    alike = [k for k in of_kind if _differs_in_constant(own, found[k])]
+    alike = _list_constants(found, own)
     best = max(alike, key=lambda k: evidence[k], default=g)
     if evidence[best] <= evidence[g] + SAME:
         return None
     return replace(found[best], prior=own.prior)
 
 
-def _differs_in_constant(own: Candidate, other: Candidate) -> bool:
-    """Return whether a candidate of the same kind is one of the same shape, or mechanism, with another
-    constant."""
+def _list_constants(found: Sequence[Candidate], own: Candidate) -> list[int]:
+    """List the candidates of a candidate's kind that are of the same shape, or mechanism, with another
+    constant; of a shape this one, too."""
     if find_time_constant(own.mechanism) is not None:
-        drivers = read_drivers(own)
-        constant = find_time_constant(other.mechanism)
-        return constant is not None and read_drivers(other) == drivers
-    if not _is_one_question(own, other):
-        return False
+        of_kind = [k for k, other in enumerate(found) if other.kind is own.kind]
+        warming = [k for k in of_kind if find_time_constant(found[k].mechanism) is not None]
+        return _select_driven(found, own, warming)
+    alike = _find_alike(found, own)
     if own.kind in WITH_CONSTANT:
-        return True
+        return alike
     names = own.mechanism.names()
-    return other.mechanism.names() != names
+    return [k for k in alike if found[k].mechanism.names() != names]
 
 
-def _is_one_question(own: Candidate, other: Candidate) -> bool:
-    """Return whether a candidate of the same kind has the same shape, or mechanism, with any constant."""
-    drivers = read_drivers(own)
+def _find_alike(found: Sequence[Candidate], own: Candidate) -> list[int]:
+    """Find the candidates of a candidate's kind that have the same shape, or mechanism, with any
+    constant."""
+    of_kind = [k for k, other in enumerate(found) if other.kind is own.kind]
     if own.kind in WITH_CONSTANT:
-        return read_drivers(other) == drivers
-    name = own.registered_name
-    if name is None:
-        both_late = is_late(own.mechanism) and is_late(other.mechanism)
-        return both_late and read_drivers(other) == drivers
-    other_name = other.registered_name
-    return other_name == name
+        return _select_driven(found, own, of_kind)
+    if own.registered:
+        name = own.mechanism.name
+        return [k for k in of_kind if found[k].mechanism.name == name]
+    if not is_late(own.mechanism):
+        return []
+    late = [k for k in of_kind if is_late(found[k].mechanism)]
+    return _select_driven(found, own, late)
+
+
+def _select_driven(found: Sequence[Candidate], own: Candidate, numbers: Sequence[int]) -> list[int]:
+    """Select the candidates with the places and drivers of one of them."""
+    drivers = read_drivers(own)
+    return [k for k in numbers if read_drivers(found[k]) == drivers]
