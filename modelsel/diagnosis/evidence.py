@@ -61,46 +61,51 @@ def normalise_strength(strength: Strength, total: Array) -> Strength:
     return Strength(whole, strength.root / np.sqrt(total), strength.smooth / total)
 
 
-def _compute_prices(seen: Beyond, ratio: float) -> tuple[Array, Array]:
-    """Compute what every candidate's freedom costs at ρ = `ratio`.
+def _compute_prices(seen: Beyond, ratios: Array) -> tuple[Array, Array]:
+    """Compute what every candidate's freedom costs at each of some ratios (R,).
 
-    Returns the price (G,) in log evidence, and the weight (F, K) with which every direction of a
-    free function counts."""
+    Returns the price (G, R) in log evidence, and the weight (F, R, K) with which every direction of
+    a free function counts."""
     which, weights = seen.smooth
-    price = 0.5 * np.log1p(ratio) * seen.sizes
-    price[which] = 0.5 * np.log1p(ratio * weights).sum(1)
-    return price, ratio * weights / (1 + ratio * weights)
+    price = 0.5 * np.log1p(ratios) * seen.sizes[:, None]
+    scaled = ratios[:, None] * weights[:, None]
+    price[which] = 0.5 * np.log1p(scaled).sum(2)
+    return price, scaled / (1 + scaled)
 
 
 def _compute_smooth_share(share: Strength, weights: Array) -> Array:
-    """Compute (F, B) the weighted shares that free functions explain."""
+    """Compute (F, B) the weighted shares that free functions explain, by weights (F, 1, K); (F, R)
+    of one response by those of several ratios (F, R, K)."""
     kind = share.smooth.dtype
-    total = np.matmul(weights.astype(kind)[:, None], share.smooth)[:, 0]
+    total = np.matmul(weights.astype(kind), share.smooth)
+    total = total.reshape(len(total), total.shape[1] * total.shape[2])
     return np.asarray(np.minimum(total, 1 - np.finfo(kind).eps))
 
 
-def compute_log_bayes_factors(seen: Beyond, share: Strength, ratio: float) -> Array:
-    """Compute (G, B) log Bayes factors of every candidate at ρ = `ratio` against no effect.
+def compute_log_bayes_factors(seen: Beyond, share: Strength, ratios: float | Array) -> Array:
+    """Compute (G, B) log Bayes factors of every candidate at a ratio ρ against no effect; of one
+    response those (G, R) at each of some ratios (R,).
 
     `share` comes from `normalise_strength`.
 
     A free function's directions have variances of their own, v times their weight. Terms with a
     sign have half of their prior: see `_compute_log_sign_factors`."""
-    kind, shrink = share.whole.dtype.type, ratio / (1 + ratio)
-    price, weights = _compute_prices(seen, ratio)
-    out = np.multiply(share.whole, kind(-shrink))
+    kind, ratios = share.whole.dtype.type, np.atleast_1d(ratios)
+    shrink = (ratios / (1 + ratios)).astype(kind)
+    price, weights = _compute_prices(seen, ratios)
+    out = share.whole * -shrink
     if len(weights):
         out[seen.smooth[0]] = -_compute_smooth_share(share, weights)
     np.log1p(out, out=out)
     out *= kind(-0.5 * seen.freedom)
-    out -= np.where(seen.sizes > 0, price, np.inf)[:, None].astype(kind)
+    out -= np.where(seen.sizes[:, None] > 0, price, np.inf).astype(kind)
     if len(seen.signed):
         out[seen.signed] += _compute_log_sign_factors(seen, share, shrink)
     return out
 
 
-def _compute_log_sign_factors(seen: Beyond, share: Strength, shrink: float) -> Array:
-    """Compute (S, B) what a sign adds to the log Bayes factors of candidates with a signed term.
+def _compute_log_sign_factors(seen: Beyond, share: Strength, shrink: Array) -> Array:
+    """Compute (S, B) or (S, R) what a sign adds to the log Bayes factors of candidates with a signed term.
 
     The prior has its half of that sign only, where it is twice as dense, and the data leave the
     tail of the posterior there, a Student t of as many degrees of freedom ν as the residual:
@@ -123,8 +128,8 @@ def compute_factors(seen: Beyond, response: Response) -> Array:
     They are -inf for a candidate that would have to be large to explain it."""
     strength, is_small = seen.judge(response)
     share = normalise_strength(strength, np.array([response.square]))
-    by_ratio = [compute_log_bayes_factors(seen, share, float(ratio))[:, 0] for ratio in RATIOS]
-    return np.where(is_small, by_ratio, -np.inf)
+    factors = compute_log_bayes_factors(seen, share, RATIOS)
+    return np.where(is_small, factors.T, -np.inf)
 
 
 def sum_evidence(factors: Array, log_prior: Array) -> tuple[float, Array]:
@@ -256,9 +261,9 @@ class Chance:
 
     def _bound(self, ratio: float) -> Array:
         """Compute log Bayes factors that bound those of every size, sign and free function."""
-        price, weights = _compute_prices(self.seen, ratio)
+        price, weights = _compute_prices(self.seen, np.array([ratio]))
         by_size = [0.5 * size * np.log1p(ratio) for size in self.largest]
-        costs = [*by_size, *price[self.seen.signed], *price[self.seen.smooth[0]]]
+        costs = [*by_size, *price[self.seen.signed, 0], *price[self.seen.smooth[0], 0]]
         smooth = _compute_smooth_share(self.share, weights)
         explained = np.concatenate([self.bounding * (ratio / (1 + ratio)), smooth])
         growth = -0.5 * self.seen.freedom * np.log1p(-explained)

@@ -98,7 +98,7 @@ def _has_moved(before: View, after: View, candidate: Candidate) -> bool:
 
 def _assess(search: Search, g: int, view: View) -> _Standing:
     """Assess an effect given the others: whether chance explains it, or another name better."""
-    named, evidence = search.rename(g, view)
+    named, evidence, _ = search.rename(g, view)
     p = compute_p_value(evidence, search.null)
     if p > LEVEL:
         return _Standing(evidence, None)
