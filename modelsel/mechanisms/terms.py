@@ -27,6 +27,7 @@ KINDS = (Number, Named, Applied, Combined, Member, Bump)
 SHARES = {"rad/rad": "1", "mm/mm": "1"}  # a rotation by another, a shift by another
 SCREWS_EXPECTED = 'a list of screws, as (Screw(3, "rz", q(2)),)'
 TERMS_EXPECTED = 'a list of terms, as (Term("k", screws),)'
+NO_NAMES: frozenset[str] = frozenset()
 TermKey = tuple[Hashable, ...]
 LETTERS = dict(zip(AXES, "abcαβγ", strict=True))
 MOTIONS = {"t": "shifts along", "r": "turns about"}
@@ -227,11 +228,7 @@ class Mechanism:
 
     def names(self) -> frozenset[str]:
         """Return the names its causes need from the state."""
-        return self._names
-
-    @cached_property
-    def _names(self) -> frozenset[str]:
-        return frozenset[str]().union(*self._names_by_place.values())
+        return NO_NAMES.union(*self._names_by_place.values())
 
     def names_by_place(self) -> dict[tuple[int, str], frozenset[str]]:
         """Return the places (frame, axis) where it acts, each with the names its causes need
@@ -244,7 +241,7 @@ class Mechanism:
         for term in self.terms:
             for screw in term.screws:
                 place = screw.frame, screw.axis
-                names[place] = names.get(place, frozenset()) | screw.cause.names()
+                names[place] = names.get(place, NO_NAMES) | screw.cause.names()
         return names
 
 
