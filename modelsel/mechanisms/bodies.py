@@ -59,11 +59,11 @@ def list_main_ends(robot: Robot) -> list[int]:
 def _measure_lines(robot: Robot) -> dict[int, float]:
     """Measure how far [mm] every frame (2 to n+1) is from the one before, without those that are on
     the line between two others in every posture."""
-    frames = range(2, robot.n + 2)
-    places = {frame: draw_places(robot, frame) for frame in frames}
-    before = draw_places(robot, 1)
+    drawn = draw_places(robot)
+    places = dict(enumerate(drawn, 1))
+    before = places[1]
     lines = {}
-    for frame in frames:
+    for frame in range(2, robot.n + 2):
         line = _measure(before, places[frame])
         if frame <= robot.n:
             beyond = places[frame + 1]

@@ -198,14 +198,12 @@ def keeps_slide_upright(robot: Robot, joint: int) -> bool:
     return bool(least > 1 - STILL)
 
 
-def draw_places(robot: Robot, frame: int) -> Array:
-    """Draw places (3, 64) [mm, frame 0] of a frame's origin (n+1: of a target beside the last joint's axis)
-    within the limits, the same every time."""
+def draw_places(robot: Robot) -> Array:
+    """Draw places (n+1, 3, 64) [mm, frame 0] of the frames' origins (the last: of a target beside the last
+    joint's axis) within the limits, the same every time."""
     _, at = _draw_sample(robot, PROBE_PAYLOAD)
-    places: Array = at.target
-    if frame <= robot.n:
-        places = at.origins[frame - 1]
-    return places
+    frames = at.origins[: robot.n]
+    return np.concatenate([frames, at.target[None]])
 
 
 def turns_in_gravity(robot: Robot, joint: int) -> bool:
