@@ -166,7 +166,7 @@ class Pool:
         near = self.nothing
         while len(ratios) < len(members):
             near = near.change_into(ratios)
-            _, gains = self.weigh(ratios, near)
+            (gains,) = self._weigh_others([near])
             left = sorted(members - ratios.keys())
             most = np.argmax(gains.value[left])
             strongest = left[int(most)]
@@ -174,7 +174,7 @@ class Pool:
         for member in sorted(members):
             others = {p: ratio for p, ratio in ratios.items() if p != member}
             near = near.change_into(others)
-            _, gains = self.weigh(others, near)
+            (gains,) = self._weigh_others([near])
             ratios[member] = float(gains.ratio[member])
         return ratios
 
