@@ -8,7 +8,7 @@ the wrong side."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -75,8 +75,8 @@ def place_steps(
             same = _list_same(robot, step.build, moment, progress)
             placed = [m for m in placed if m not in same]
             placed.append(_tell(step.build(robot, moment), begins))
-        if step.by_row:
-            placed = _tell_rows(problem, step, placed)
+    by_row = [step for step in there.values() if step.by_row]
+    placed = _tell_rows(problem, by_row, placed)
     if of_targets:
         placed = _limit_to_measured(problem.take(estimation), placed)
         placed = list(map(_tell_all_targets, placed))
@@ -244,16 +244,22 @@ def say_row(data: Measurements, at: float) -> str:
     return f"from about {begins} on"
 
 
-def _tell_rows(problem: Problem, step: _Step, mechanisms: Sequence[Mechanism]) -> list[Mechanism]:
+def _tell_rows(
+    problem: Problem, steps: Iterable[_Step], mechanisms: Sequence[Mechanism]
+) -> list[Mechanism]:
     """Tell scanned steps by the first of the rows after them, those that some rows are before and
     others after. Noise leaves the row open by a few."""
-    data = problem.data.take(step.rows)
+    said: dict[bytes, dict[float, str]] = {}
     told = {}
-    for at in environment.STEPS:
-        begins = say_row(data, at)
-        if begins:
-            scanned = step.build(problem.robot, at)
-            told[scanned] = _tell(scanned, begins)
+    for step in steps:
+        rows = step.rows.tobytes()
+        if rows not in said:
+            data = problem.data.take(step.rows)
+            said[rows] = {at: say_row(data, at) for at in environment.STEPS}
+        for at, begins in said[rows].items():
+            if begins:
+                scanned = step.build(problem.robot, at)
+                told[scanned] = _tell(scanned, begins)
     renamed = []
     for m in mechanisms:
         known = told.get(m, m)
