@@ -6,10 +6,12 @@ origins stand for those of links, however these are spread along them."""
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from .._typing import Array
-from ..robot.gravity import STILL, draw_places, turns_in_gravity
+from ..robot.gravity import REMEMBERED, STILL, draw_places, turns_in_gravity
 from ..robot.kinematics import Robot
 
 # share of the longest line between two joints from which a link is one of the arm's main ones
@@ -56,6 +58,7 @@ def list_main_ends(robot: Robot) -> list[int]:
     return [frame for frame, line in of_joints.items() if line >= MAIN * longest]
 
 
+@lru_cache(maxsize=REMEMBERED)
 def _measure_lines(robot: Robot) -> dict[int, float]:
     """Measure how far [mm] every frame (2 to n+1) is from the one before, without those that are on
     the line between two others in every posture."""

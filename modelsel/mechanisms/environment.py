@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
+from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
@@ -194,7 +194,7 @@ def tracker_drift(robot: Robot, knots: float) -> Mechanism:
     )
 
 
-@cache
+@lru_cache(maxsize=4096)
 def step_after(at: float) -> Cause:
     """Return a step, 0 before a moment of the campaign, 1 after it: its coefficient is the whole
     move."""

@@ -8,6 +8,7 @@ g = 9.81 m/s²."""
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -25,6 +26,8 @@ STILL = 1e-6
 PROBE_TOOL = np.array([0.0, 0.0, 100.0])
 # and one beside the last joint's axis, as a payload may hang
 PROBE_PAYLOAD = np.array([70.0, 50.0, 100.0])
+# robots in play, of which what many mechanisms ask for is worked out once
+REMEMBERED = 16
 
 
 def declares_masses(robot: Robot) -> bool:
@@ -152,6 +155,7 @@ def _draw_sample(robot: Robot, target: Array = PROBE_TOOL) -> tuple[Array, Pose]
     return q, at
 
 
+@lru_cache(maxsize=REMEMBERED)
 def find_gravity_joints(robot: Robot) -> tuple[int, ...]:
     """Find the revolute joints (1-based) whose gravity torque changes with the configuration; none
     where gravity is not known."""
@@ -294,6 +298,7 @@ def _fixed_frames_beyond(robot: Robot, joint: int) -> list[int]:
     return [*fixed, *beyond]
 
 
+@lru_cache(maxsize=REMEMBERED)
 def find_arm_pair(robot: Robot) -> ArmPair | None:
     """Find the first two successive joints that stay horizontal and parallel (shoulder and elbow);
     None where there are none."""
