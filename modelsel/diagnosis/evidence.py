@@ -74,11 +74,9 @@ def _compute_prices(seen: Beyond, ratios: Array) -> tuple[Array, Array]:
 
 
 def _compute_smooth_share(share: Strength, weights: Array) -> Array:
-    """Compute (F, B) the weighted shares that free functions explain, by weights (F, 1, K); (F, R)
-    of one response by those of several ratios (F, R, K)."""
+    """Compute (F, R, B) the shares that free functions explain, by the weights (F, R, K)."""
     kind = share.smooth.dtype
     total = np.matmul(weights.astype(kind), share.smooth)
-    total = total.reshape(len(total), total.shape[1] * total.shape[2])
     return np.asarray(np.minimum(total, 1 - np.finfo(kind).eps))
 
 
@@ -95,7 +93,8 @@ def compute_log_bayes_factors(seen: Beyond, share: Strength, ratios: float | Arr
     price, weights = _compute_prices(seen, ratios)
     out = share.whole * -shrink
     if len(weights):
-        out[seen.smooth[0]] = -_compute_smooth_share(share, weights)
+        smooth = _compute_smooth_share(share, weights)
+        out[seen.smooth[0]] = -smooth.reshape(len(smooth), -1)
     np.log1p(out, out=out)
     out *= kind(-0.5 * seen.freedom)
     out -= np.where(seen.sizes[:, None] > 0, price, np.inf).astype(kind)
@@ -169,6 +168,19 @@ class Chance:
         self.slack = slack
 
     @cached_property
+    def bounds(self) -> Array:
+        """Log Bayes factors (K, ratios, B) that bound those of every size, sign and free function."""
+        price, weights = _compute_prices(self.seen, RATIOS)
+        sizes = np.array(list(self.largest))
+        by_size = 0.5 * sizes[:, None] * np.log1p(RATIOS)
+        costs = np.concatenate([by_size, price[self.seen.signed], price[self.seen.smooth[0]]])
+        shrink = (RATIOS / (1 + RATIOS)).astype(self.bounding.dtype)
+        smooth = _compute_smooth_share(self.share, weights)
+        explained = np.concatenate([self.bounding[:, None] * shrink[:, None], smooth])
+        growth = -0.5 * self.seen.freedom * np.log1p(-explained)
+        return np.asarray(growth - costs[:, :, None])
+
+    @cached_property
     def first(self) -> Array:
         """The evidence (B,) at the first ratio: it is no less at the best one."""
         if not self.largest:
@@ -180,8 +192,8 @@ class Chance:
         """How much more (ratios - 1, B) the evidence may be at the other ratios."""
         if not self.largest:
             return np.zeros((1, len(self.first)))
-        start = self.slack - self._bound(float(RATIOS[0]))
-        return np.array([(self._bound(float(ratio)) + start).max(0) for ratio in RATIOS[1:]])
+        start = self.slack[:, None] - self.bounds[:, :1]
+        return np.asarray((self.bounds[:, 1:] + start).max(0))
 
     @cached_property
     def evidence(self) -> Array:
@@ -204,8 +216,7 @@ class Chance:
         """What the evidence (B,) cannot exceed."""
         if not self.largest:
             return self.evidence
-        bounds = [(self._bound(float(ratio)) + self.slack).max(0) for ratio in RATIOS]
-        return np.asarray(np.max(bounds, axis=0))
+        return np.asarray((self.bounds + self.slack[:, None]).max((0, 1)))
 
     @property
     def smallest_p(self) -> Array:
@@ -247,7 +258,7 @@ class Chance:
         part.share = Strength(*(values[..., which] for values in self.share))
         part.largest = {size: values[which] for size, values in self.largest.items()}
         part.bounding = self.bounding[:, which]
-        known = self.__dict__.keys() & {"first", "growth"}
+        known = self.__dict__.keys() & {"first", "growth", "bounds"}
         part.__dict__.update({name: getattr(self, name)[..., which] for name in known})
         return part
 
@@ -258,16 +269,6 @@ class Chance:
         top = joint.max(0)
         joint -= top
         return np.asarray(top + np.log(np.exp(joint, out=joint).sum(0)), float)
-
-    def _bound(self, ratio: float) -> Array:
-        """Compute log Bayes factors that bound those of every size, sign and free function."""
-        price, weights = _compute_prices(self.seen, np.array([ratio]))
-        by_size = [0.5 * size * np.log1p(ratio) for size in self.largest]
-        costs = [*by_size, *price[self.seen.signed, 0], *price[self.seen.smooth[0], 0]]
-        smooth = _compute_smooth_share(self.share, weights)
-        explained = np.concatenate([self.bounding * (ratio / (1 + ratio)), smooth])
-        growth = -0.5 * self.seen.freedom * np.log1p(-explained)
-        return np.asarray(growth - np.array(costs)[:, None])
 
 
 def draw_null(
