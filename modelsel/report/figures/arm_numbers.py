@@ -41,15 +41,17 @@ def find_room(
     picture and covers no frame, no other words and if it can be no link; near its own frame rather than
     another."""
     boxes = _list_boxes(words, place, away)
-    costs = []
+    others = np.reshape(written, (len(written), 2, 2))
+    best, least = boxes[0], np.inf
     for box in boxes:
         cost = _weigh_direction(box, place, away)
-        cost += _weigh_cover(box, drawn, written)
-        frames = drawn.frames
-        cost += _weigh_line(box, place, frames, written)
-        costs.append(cost)
-    best = int(np.argmin(costs))
-    return boxes[best]
+        cost += _weigh_cover(box, drawn, others)
+        # a line makes no box better
+        if cost < least:
+            cost += _weigh_line(box, place, drawn.frames, others)
+        if cost < least:
+            best, least = box, cost
+    return best
 
 
 def needs_line(box: Array, place: Array, points: Array) -> bool:
@@ -95,30 +97,29 @@ def _weigh_direction(box: Array, place: Array, away: Array) -> float:
     return _measure_gap(box, place) + TURNED * turn
 
 
-def _weigh_cover(box: Array, drawn: Drawn, written: Sequence[Array]) -> float:
-    """Return what a box costs for what it covers."""
+def _weigh_cover(box: Array, drawn: Drawn, written: Array) -> float:
+    """Return what a box costs for what it covers; `written` (w, 2, 2): other boxes."""
     low, high = box
     is_out = low.min() < EDGE or high[1] > drawn.top - EDGE
-    if is_out or not _is_free(box, drawn.frames, written):
+    if is_out or _covers(box, drawn.frames) or _meets(box, written):
         return COVERED
     cost = 0.0
-    if not _is_free(box, drawn.links, ()):
+    if _covers(box, drawn.links):
         cost += ON_LINK
-    if not _is_free(box, drawn.axes, ()):
+    if _covers(box, drawn.axes):
         cost += ON_AXIS
     return cost
 
 
-def _weigh_line(box: Array, place: Array, points: Array, written: Sequence[Array]) -> float:
+def _weigh_line(box: Array, place: Array, points: Array, written: Array) -> float:
     """Return what a box costs for the line that it needs; nothing where it needs none."""
     if not needs_line(box, place, points):
         return 0.0
-    line = trace_line(box, place)
+    line = trace_line(box, place)[:, None]
+    spots = np.stack([line, line])
     others = _list_others(place, points)
-    for point in line:
-        spot = np.stack([point, point])
-        if not _is_free(spot, others, written):
-            return CROSSED
+    if _covers(spots, others) or _meets(spots, written):
+        return CROSSED
     return BESIDE_OTHER
 
 
@@ -144,8 +145,15 @@ def _measure_gap(box: Array, place: Array) -> float:
     return float(np.linalg.norm(nearest - place))
 
 
-def _is_free(box: Array, points: Array, written: Sequence[Array]) -> bool:
-    """Return whether a box covers none of some points and meets no other box."""
-    is_inside = (points > box[0] - DOT) & (points < box[1] + DOT)
-    meets = [(box[0] < other[1]).all() and (other[0] < box[1]).all() for other in written]
-    return not is_inside.all(1).any() and not any(meets)
+def _covers(box: Array, points: Array) -> bool:
+    """Return whether a box (2, 2), or one of some (2, p, 1, 2), covers one of the points (m, 2)."""
+    low, high = box
+    is_inside = (points > low - DOT) & (points < high + DOT)
+    return bool(is_inside.all(-1).any())
+
+
+def _meets(box: Array, others: Array) -> bool:
+    """Return whether a box (2, 2), or one of some (2, p, 1, 2), meets another one (w, 2, 2)."""
+    low, high = box
+    is_met = (low < others[:, 1]) & (others[:, 0] < high)
+    return bool(is_met.all(-1).any())
