@@ -49,6 +49,14 @@ class Traits:
         return np.array([one.bumped_joint for one in self.candidates], dtype=np.intp)
 
     @cached_property
+    def single(self) -> Index:
+        """Equal numbers (G,) above nought, of which a model has one: bumps of one joint, and forms of one
+        link that bends under one load."""
+        joints = self.problem.robot.n
+        forms = self.forms
+        return np.where(forms >= 0, 1 + joints + forms, self.bumped)
+
+    @cached_property
     def close_steps(self) -> CloseSteps:
         """The candidates that are steps of the set-up, by where they are in the campaign."""
         return find_close_steps(self.problem, self.candidates)

@@ -260,7 +260,7 @@ def _list_entries(effect: Effect) -> str:
         written = format_probability(probability)
         word = f"{name} ({written})"
         words.append(word)
-    if left > MOST:
+    if round(left, 2) >= MOST:
         words += _list_rest(effect, left)
     return choice_list(words)
 

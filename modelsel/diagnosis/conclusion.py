@@ -23,6 +23,7 @@ from .effects import DROPPED, Effect
 from .evidence import MIN_LOG_ODDS, compute_p_value, compute_single_f
 from .model_search import visit_models, weigh_models
 from .outcome import Diagnosis
+from .payload_places import share_by_places
 from .renaming import holds_name, settle_names
 from .reshaping import take_shapes
 from .signatures import SHAPELESS, read_parts
@@ -171,9 +172,10 @@ def _claim(concluded: Conclusion, weighed: Weighed) -> tuple[Effect, ...]:
     parts = {g: read_parts(search.candidates[g], search.traits.acting_parts[g]) for g in members}
     included = visited.include(chosen, search.traits.signatures, parts, search.traits.forms)
     numbers = number_repeated([effect.candidate.label for effect in effects])
+    shares = share_by_places([effect.candidate.mechanism for effect in effects])
     claimed = []
-    for g, effect, number in zip(chosen, effects, numbers, strict=True):
-        levels = np.minimum(weighed.levels[g], included[g])
+    for g, effect, number, share in zip(chosen, effects, numbers, shares, strict=True):
+        levels = share * np.minimum(weighed.levels[g], included[g])
         claim = build_claim(search.problem, search.traits.acting_parts[g], levels)
         if claim.needs_drivers:
             sure = find_sure(search, g, chosen, weighed.drivers[g], visited)

@@ -47,7 +47,7 @@ def gather_pool(search: Search, view: View, chosen: Sequence[int]) -> Pool | Non
     rest = see_rest(curve, view.scan, view.response, view.release(*effects))
     labels = [search.candidates[g].label for g in which]
     kinds = number_kinds(labels)
-    return assemble_pool(rest, log_prior - search.bound, kinds, search.traits.bumped[which])
+    return assemble_pool(rest, log_prior - search.bound, kinds, search.traits.single[which])
 
 
 def _list_offers(search: Search, view: View, chosen: Sequence[int]) -> list[list[int]]:

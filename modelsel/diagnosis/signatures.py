@@ -39,8 +39,9 @@ SHAPELESS = (
     CandidateKind.SHAPE,
 )
 
-# links that bend, by the moment at their end or all along
-BENT = LINK_BENDING, PAYLOAD_BENDING
+# what yields in several forms: links by the moment at their end or all along, what a payload turns wherever
+# it hangs
+OF_FORMS = LINK_BENDING, PAYLOAD_BENDING, "payload-deflection"
 # a torque of 1 kg at a frame is the torque of masses that are not known
 WITHOUT_MASSES = {
     StateKind.UNIT_TORQUE: StateKind.TORQUE,
@@ -107,13 +108,13 @@ def _find_part(candidate: Candidate) -> str | None:
 
 
 def number_forms(found: Sequence[Candidate]) -> Index:
-    """Number (G,) the links that registered mechanisms have bend, each under one load: by all of their forms
-    they say the same, though they move the link's end in other ways; -1 of anything else."""
+    """Number (G,) the links that registered mechanisms have bend, each under one load, and what a payload
+    turns: by all of their forms they say the same, though they move it in other ways; -1 of anything else."""
     known: dict[Hashable, int] = {}
     numbers = np.full(len(found), -1)
     for g, candidate in enumerate(found):
         mechanism = candidate.mechanism
-        if candidate.registered and mechanism.stem in BENT:
+        if candidate.registered and mechanism.stem in OF_FORMS:
             load = mechanism.name, PAYLOAD in mechanism.names()
             numbers[g] = known.setdefault(load, len(known))
     return numbers

@@ -326,7 +326,8 @@ class Search:
         return " & ".join(self.candidates[g].mechanism.name for g in members)
 
     def add(self, chosen: Sequence[int], g: int) -> list[int]:
-        """Add candidate g; a free function of a joint replaces one with other knots."""
+        """Add candidate g; a free function of a joint replaces one with other knots, a link that bends the
+        same link in another form."""
         subject = self._find_subject(g)
         return [*(k for k in chosen if self._find_subject(k) != subject), g]
 
@@ -336,7 +337,7 @@ class Search:
             first_term = candidate.mechanism.terms[0]
             screw = first_term.screws[0]
             return "joint", screw.frame
-        joint = int(self.traits.bumped[g])
-        if joint:
-            return "bump", joint
+        number = int(self.traits.single[g])
+        if number:
+            return "single", number
         return "candidate", g

@@ -107,6 +107,14 @@ def _start(
     return SearchProgress(chosen, view, path, tried)
 
 
+class _Added(NamedTuple):
+    """The candidates and the view after a step, and what was named again in words."""
+
+    chosen: list[int]
+    view: View
+    steps: list[str]
+
+
 # Add: the strongest explanation of the residual, as long as chance does not explain it.
 
 
@@ -173,23 +181,40 @@ def _add_effect(search: Search, progress: SearchProgress, new: int, say: Say) ->
     What the fit cannot determine is not added."""
     label = search.candidates[new].label
     trial = search.add(progress.chosen, new)
-    view = search.try_fit(trial, progress.view.fitted)
-    if view is None or not _is_determined(search, new, view):
-        progress.tried.add(frozenset(trial))
+    added = _settle_added(search, progress, new, trial)
+    progress.tried.add(frozenset(trial))
+    if added is None:
         say(News(f"tried {label}", kept=True))
         return
     say(News(f"added {label}", kept=True))
+    progress.tried.add(frozenset(added.chosen))
+    progress.chosen = added.chosen
+    progress.view = added.view
+    progress.path += [f"+ {label}", *added.steps]
+
+
+def _settle_added(
+    search: Search, progress: SearchProgress, new: int, trial: list[int]
+) -> _Added | None:
+    """Fit a trial with a new candidate, and settle the names of the effects that it moved; None where it
+    is not to be added."""
+    before = progress.view
+    view = search.try_fit(trial, before.fitted)
+    if view is None or not _is_determined(search, new, view):
+        return None
     steps: list[str] = []
-    settled, settled_view = settle_names(search, trial, view, progress.view, steps)
+    settled, settled_view = settle_names(search, trial, view, before, steps)
     goes_in_circle = frozenset(settled) in progress.tried
-    if goes_in_circle:
-        settled = trial
-        settled_view = view
-        steps = []
-    progress.tried |= {frozenset(trial), frozenset(settled)}
-    progress.chosen = settled
-    progress.view = settled_view
-    progress.path += [f"+ {label}", *steps]
+    if not goes_in_circle:
+        return _Added(settled, settled_view, steps)
+    # a form of a link that bends in the place of another is then worse than that
+    return None if _replaces_form(search, progress.chosen, trial) else _Added(trial, view, [])
+
+
+def _replaces_form(search: Search, before: Sequence[int], after: Sequence[int]) -> bool:
+    """Return whether a link that bends has another form after a step than before it."""
+    replaced = set(before) - set(after)
+    return any(search.traits.forms[g] >= 0 for g in replaced)
 
 
 def _is_determined(search: Search, g: int, view: View) -> bool:

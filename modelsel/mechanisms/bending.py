@@ -15,6 +15,8 @@ from .beams import bend_beam, bend_tube, build_screws, can_bend, turn_end, twist
 from .bodies import find_line_end, list_bodies, list_main_bodies
 from .causes import ONE, Cause, Combined, Named, Number
 from .compliance import (
+    ANYWHERE,
+    AT_TARGET,
     COMPLIANCE,
     DECLARED,
     HEAVY,
@@ -30,9 +32,8 @@ LINK_BENDING, PAYLOAD_BENDING = "link-bending", "payload-bending"
 PAYLOAD = Named("payload_kg", "kg")
 # N m of 1 kg a millimetre aside
 OF_ONE_KG = Number(G / 1e3, "N m/kg mm")
-# what is known of a payload on the flange and of what yields there: it hangs at the target (at the mean of
-# several), and all axes yield alike; it hangs anywhere; and each axis has a stiffness of its own
-AT_TARGET, ANYWHERE, EACH_AXIS = 0, 1, 2
+# a payload on the flange hangs anywhere, and each axis has a stiffness of its own; else all axes yield alike
+EACH_AXIS = 2
 # what bends a link, by numbers that results keep: the end alone, by what is known of the masses (`compliance`);
 # the link all along, as a round tube or with a stiffness of its own against twist
 TUBE, TUBE_WITH_PAYLOAD, BEAM, BEAM_WITH_PAYLOAD = 3, 5, 6, 8

@@ -3,6 +3,8 @@ payload."""
 
 from __future__ import annotations
 
+import numpy as np
+
 from ..measurements.state_names import StateKind, state_kind
 from ..robot.gravity import declares_masses, find_arm_pair, find_gravity_joints
 from ..robot.kinematics import Robot
@@ -12,6 +14,7 @@ from .causes import Cause, Named, q, shifted, sign, sin
 from .motors import (
     drive_angle,
     drive_screws,
+    is_coupled,
     knows_held_masses,
     motor_torque,
     moved_joints,
@@ -30,6 +33,10 @@ YIELD_BY_LOAD = (1e-4, 1.0)
 # what is known of the weight that a drive holds: the masses that are declared (or unit ones); none of
 # them, so that each is a term; those that are declared, and the payload besides
 DECLARED, UNKNOWN, WITH_PAYLOAD = 0, 1, 2
+# what is known of where a payload hangs: at the target (at the mean of several), or nothing
+AT_TARGET, ANYWHERE = 0, 1
+# share of a unit vector below which it has no part along an axis
+NO_PART = 1e-9
 # kinds of what the arm's own masses load
 OWN_WEIGHT = {StateKind.TORQUE, StateKind.BENDING, StateKind.BASE_MOMENT}
 # kinds of what 1 kg loads
@@ -139,17 +146,47 @@ def lateral_compliance(robot: Robot, joint: int) -> Mechanism:
     )
 
 
-def payload_deflection(robot: Robot, joint: int) -> Mechanism:
-    """The drive winds up under the payload at the target; its mass is the column payload_kg."""
-    cause = payload_torque(robot, joint)
+def list_hangs(robot: Robot, joint: int) -> tuple[int, ...]:
+    """List what may be known of where a payload hangs that winds up a drive. Anywhere, it has two numbers for
+    a drive that turns the flange alone, about one of its axes: the torque then follows from the direction
+    of gravity in the flange."""
+    is_alone = joint == robot.n and not is_coupled(robot, joint)
+    if not is_alone or robot.joints[-1].prismatic or len(_list_across(robot)) != 2:
+        return (AT_TARGET,)
+    return AT_TARGET, ANYWHERE
+
+
+def _list_across(robot: Robot) -> list[str]:
+    """List the flange's axes that the last joint's axis has no part along."""
+    along = np.abs(robot.last[2, :3])
+    return [axis for axis, part in zip("xyz", along, strict=True) if part < NO_PART]
+
+
+def payload_deflection(robot: Robot, joint: int, hang: int = AT_TARGET) -> Mechanism:
+    """The drive winds up under the payload, at the target or anywhere (`hang`: one of `list_hangs`); its mass is
+    the column payload_kg."""
+    of_what = "1 kg at the target"
+    terms = [_wind_up(robot, joint, "", payload_torque(robot, joint), COMPLIANCE, 1)]
+    if hang == ANYWHERE:
+        of_what = "1 kg where the payload hangs"
+        payload = Named(PAYLOAD, "kg")
+        causes = {axis: payload * Named(f"down_{axis}") for axis in _list_across(robot)}
+        terms = [_wind_up(robot, joint, axis, causes[axis], HEAVY) for axis in causes]
     return Mechanism(
         f"payload-deflection:{joint}",
-        (Term(f"p{joint}", drive_screws(robot, joint, cause), COMPLIANCE, 1),),
+        tuple(terms),
         f"{name_drive(robot, joint).capitalize()} winds up in proportion to the torque of the payload.",
-        f"{drive_angle(robot, joint)} + p · payload_kg · torque of 1 kg at the target",
+        f"{drive_angle(robot, joint)} + p · payload_kg · torque of {of_what}",
         SOURCE,
         usual_causes=WINDING_PARTS,
     )
+
+
+def _wind_up(
+    robot: Robot, joint: int, axis: str, cause: Cause, sizes: tuple[float, float], sign: int = 0
+) -> Term:
+    """Build the term of a drive that winds up under a payload."""
+    return Term(f"p{joint}{axis}", drive_screws(robot, joint, cause), sizes, sign)
 
 
 def counterbalance(robot: Robot) -> Mechanism | None:

@@ -113,7 +113,9 @@ _BUILTIN: Registry = {
     bending.LINK_BENDING: Scanned(
         bending.link_bending, bending.list_bendings, bending.find_bending_links
     ),
-    "payload-deflection": PerJoint(compliance.payload_deflection, motors.find_payload_motors),
+    "payload-deflection": Scanned(
+        compliance.payload_deflection, compliance.list_hangs, motors.find_payload_motors
+    ),
     bending.PAYLOAD_BENDING: Scanned(
         bending.payload_bending, bending.list_loads, bending.find_loaded_links
     ),

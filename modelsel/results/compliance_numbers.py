@@ -29,6 +29,7 @@ STIFFNESS = "stiffness"
 IF_DECLARED = "stiffness with the arm's masses as declared"
 OF_PAYLOAD = "stiffness under the payload, whatever the arm's masses"
 NO_MASSES = " (no stiffness: the robot file gives no masses)"
+NO_PLACE = " (no stiffness: where the payload hangs is not known)"
 SOME_MASSES = " (no stiffness: the robot file does not give all masses that are held there)"
 
 
@@ -43,9 +44,11 @@ def measure_wind_up(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
             fitted.covariance[np.ix_(own, own)],
             fitted.workspace,
         )
-        load = _find_load(mechanism, frame, fitted.workspace)
+        load = _find_load(mechanism, frame, part)
         robot = fitted.workspace.problem.robot
-        lacking = "" if mechanism.stem == "payload-deflection" else _find_lacking(robot, frame)
+        lacking = _find_lacking(robot, frame)
+        if mechanism.stem == "payload-deflection":
+            lacking = NO_PLACE if _hangs_anywhere(mechanism) else ""
         words = f"{_describe_motion(mechanism, frame, robot)} at full stretch"
         ends = frame == max(frames)
         stiffness = IF_DECLARED if needs_both_loads(mechanism) else STIFFNESS
@@ -154,10 +157,19 @@ def _find_lacking(robot: Robot, joint: int) -> str:
     return SOME_MASSES if declares_masses(robot) else NO_MASSES
 
 
-def _find_load(mechanism: Mechanism, frame: int, workspace: Workspace) -> Array:
+def _hangs_anywhere(mechanism: Mechanism) -> bool:
+    """Whether a drive winds up under a payload of which nobody knows where it hangs."""
+    return mechanism.stem == "payload-deflection" and len(mechanism.terms) > 1
+
+
+def _find_load(mechanism: Mechanism, frame: int, part: Fitted) -> Array:
     """Find the load (m,) that a joint or a link's end yields to [N m; of 1 kg everywhere where the
-    robot file has no masses]."""
+    robot file has no masses]; what turns under a load that is not known is in proportion to that."""
+    workspace = part.workspace
     problem = workspace.problem
+    if _hangs_anywhere(mechanism):
+        turn, _ = part.turn(frame, TURNS)
+        return np.asarray(np.linalg.norm(turn, axis=0))
     robot = problem.robot
     motor = mechanism.joint or frame
     if mechanism.stem == "payload-deflection":

@@ -10,6 +10,7 @@ from .._typing import Array, Mask
 from ..diagnosis.candidates import exceeds_cell_limit
 from ..diagnosis.confounded_covariates import find_confounded
 from ..diagnosis.outcome import Diagnosis
+from ..diagnosis.payload_places import find_places
 from ..diagnosis.sentences import format_length
 from ..diagnosis.signatures import LEVELS, PROVEN
 from ..diagnosis.stated_probability import format_chance
@@ -101,6 +102,22 @@ def _describe_far(data: Measurements, errors: Array, far: Mask, crossed: Array) 
 def root_mean_square(values: Array) -> float:
     """Return the root mean square of values."""
     return float(np.sqrt(np.square(values).mean()))
+
+
+def payload_place_notes(diagnosis: Diagnosis) -> tuple[Note, ...]:
+    """Return the warning about findings that have the payload hang in two places."""
+    effects = diagnosis.effects
+    places = find_places([effect.candidate.mechanism for effect in effects])
+    if not places.contradict:
+        return ()
+    anywhere = sentence_list([effects[k].label for k in places.anywhere])
+    at_target = sentence_list([effects[k].label for k in places.at_target])
+    sentence = (
+        f"{anywhere} is fitted for a payload that may hang anywhere on the flange, {at_target} for one that hangs at "
+        "the target: both cannot hold, so that none of them is claimed as a cause. Another part of the arm may yield "
+        "under a payload that hangs elsewhere. Measure again with the payload's centre of mass at the target."
+    )
+    return (Note("payload-places", sentence),)
 
 
 def partial_map_notes(problem: Problem) -> tuple[Note, ...]:

@@ -18,6 +18,7 @@ from ..results.finding_notes import (
     instrument_notes,
     opposed_finding_notes,
     partial_map_notes,
+    payload_place_notes,
     surprise_notes,
     uneven_noise_notes,
 )
@@ -50,6 +51,7 @@ def collect_diagnosis_notes(
     notes += check_stated_orientation_noise(split, diagnosis.fit)
     notes += uneven_noise_notes(diagnosis)
     notes += instrument_notes(split.problem, diagnosis)
+    notes += payload_place_notes(diagnosis)
     notes += confounded_notes(split.problem, diagnosis)
     if searches_cells(study):
         notes += partial_map_notes(split.problem)

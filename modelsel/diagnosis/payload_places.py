@@ -1,0 +1,70 @@
+"""Where a payload hangs, as springs under it have it: at the target, or anywhere on the flange.
+
+A model that has it hang at the target for one spring and anywhere for another contradicts itself. Then another
+part of the arm may as well yield, under a payload that hangs elsewhere: what this does besides is told as the
+flange or the last joint, which alone have numbers for that."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from .._typing import Array
+from ..measurements.state_names import StateKind, state_kind
+from ..mechanisms.bending import PAYLOAD_BENDING
+from ..mechanisms.compliance import PAYLOAD
+from ..mechanisms.terms import Mechanism
+from .signatures import LEVELS
+
+# kinds of what depends on where the target is, where a payload is thought to hang
+AT_TARGET = {
+    StateKind.UNIT_TORQUE,
+    StateKind.UNIT_BENDING,
+    StateKind.LOAD_POSITION,
+    StateKind.LOAD_ON_FLANGE,
+}
+# what has numbers for where it hangs
+ANYWHERE = PAYLOAD_BENDING, "payload-deflection"
+# what is left of a claim where the arm may as well yield elsewhere
+EVEN = 0.5
+
+
+class Places(NamedTuple):
+    """Numbers of the mechanisms of a model for which the payload hangs anywhere, and at the target."""
+
+    anywhere: tuple[int, ...]
+    at_target: tuple[int, ...]
+
+    @property
+    def contradict(self) -> bool:
+        """Whether both cannot hold."""
+        return bool(self.anywhere and self.at_target)
+
+
+def find_places(mechanisms: Sequence[Mechanism]) -> Places:
+    """Find where the mechanisms of a model have the payload hang."""
+    anywhere, at_target = [], []
+    for number, mechanism in enumerate(mechanisms):
+        names = mechanism.names()
+        if PAYLOAD not in names:
+            continue
+        kinds = {state_kind(name) for name in names}
+        if kinds & AT_TARGET:
+            at_target.append(number)
+        elif mechanism.stem in ANYWHERE:
+            anywhere.append(number)
+    return Places(tuple(anywhere), tuple(at_target))
+
+
+def share_by_places(mechanisms: Sequence[Mechanism]) -> Array:
+    """Share (k, 4) what the mechanisms of a model claim at every level with what else may yield, where they
+    contradict one another: an even chance of all that a payload anywhere tells, and of how much yields to one
+    at the target."""
+    shares = np.ones((len(mechanisms), len(LEVELS)))
+    places = find_places(mechanisms)
+    if places.contradict:
+        shares[list(places.anywhere)] = EVEN
+        shares[list(places.at_target), LEVELS.index("shape") :] = EVEN
+    return shares
