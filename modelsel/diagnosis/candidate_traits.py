@@ -52,9 +52,11 @@ class Traits:
     def single(self) -> Index:
         """Equal numbers (G,) above nought, of which a model has one: bumps of one joint, and forms of one
         link that bends under one load."""
-        joints = self.problem.robot.n
         forms = self.forms
-        return np.where(forms >= 0, 1 + joints + forms, self.bumped)
+        has_form = forms >= 0
+        after_joints = 1 + self.problem.robot.n
+        numbers = after_joints + forms
+        return np.where(has_form, numbers, self.bumped)
 
     @cached_property
     def close_steps(self) -> CloseSteps:

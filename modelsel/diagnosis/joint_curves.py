@@ -77,11 +77,15 @@ class Curve:
 
     def _compute_products(self, own: Index) -> Array:
         """Compute the products (c, k) of all columns with some; at one place, of their causes."""
-        fields = self.columns.lone_field[self.index]
-        if fields[0] >= 0 and (fields == fields[0]).all():
-            return self.columns.multiply(self.index, own)
-        vectors = self.columns.expand(own)
-        return self.columns.dot(vectors.T)[self.index]
+        columns = self.columns
+        fields = columns.lone_field[self.index]
+        first = fields[0]
+        at_one_place = (fields == first).all()
+        if first >= 0 and at_one_place:
+            return columns.multiply(self.index, own)
+        vectors = columns.expand(own)
+        products = columns.dot(vectors.T)
+        return products[self.index]
 
 
 @dataclass(frozen=True, eq=False)

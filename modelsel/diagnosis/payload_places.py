@@ -40,7 +40,8 @@ class Places(NamedTuple):
     @property
     def contradict(self) -> bool:
         """Whether both cannot hold."""
-        return bool(self.anywhere and self.at_target)
+        both = self.anywhere, self.at_target
+        return all(both)
 
 
 def find_places(mechanisms: Sequence[Mechanism]) -> Places:
@@ -62,9 +63,14 @@ def share_by_places(mechanisms: Sequence[Mechanism]) -> Array:
     """Share (k, 4) what the mechanisms of a model claim at every level with what else may yield, where they
     contradict one another: an even chance of all that a payload anywhere tells, and of how much yields to one
     at the target."""
-    shares = np.ones((len(mechanisms), len(LEVELS)))
+    shape = len(mechanisms), len(LEVELS)
+    shares = np.ones(shape)
     places = find_places(mechanisms)
-    if places.contradict:
-        shares[list(places.anywhere)] = EVEN
-        shares[list(places.at_target), LEVELS.index("shape") :] = EVEN
+    if not places.contradict:
+        return shares
+    anywhere = list(places.anywhere)
+    at_target = list(places.at_target)
+    shaped = LEVELS.index("shape")
+    shares[anywhere] = EVEN
+    shares[at_target, shaped:] = EVEN
     return shares

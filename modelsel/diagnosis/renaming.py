@@ -98,13 +98,15 @@ def _has_moved(before: View, after: View, candidate: Candidate) -> bool:
 
 def _assess(search: Search, g: int, view: View) -> _Standing:
     """Assess an effect given the others: whether chance explains it, or another name better."""
-    named, evidence, _ = search.rename(g, view)
+    renamed = search.rename(g, view)
+    evidence = renamed.evidence
     p = compute_p_value(evidence, search.null)
     if p > LEVEL:
         return _Standing(evidence, None)
     if holds_name(search, g, view):
         return _Standing(evidence, g)
-    return _Standing(evidence, named.top)
+    top = renamed.named.top
+    return _Standing(evidence, top)
 
 
 def holds_name(search: Search, g: int, view: View) -> bool:

@@ -187,10 +187,12 @@ def _add_effect(search: Search, progress: SearchProgress, new: int, say: Say) ->
         say(News(f"tried {label}", kept=True))
         return
     say(News(f"added {label}", kept=True))
-    progress.tried.add(frozenset(added.chosen))
+    settled = frozenset(added.chosen)
+    progress.tried.add(settled)
     progress.chosen = added.chosen
     progress.view = added.view
-    progress.path += [f"+ {label}", *added.steps]
+    progress.path.append(f"+ {label}")
+    progress.path += added.steps
 
 
 def _settle_added(
@@ -207,14 +209,19 @@ def _settle_added(
     goes_in_circle = frozenset(settled) in progress.tried
     if not goes_in_circle:
         return _Added(settled, settled_view, steps)
-    # a form of a link that bends in the place of another is then worse than that
-    return None if _replaces_form(search, progress.chosen, trial) else _Added(trial, view, [])
+    if _replaces_form(search, progress.chosen, trial):
+        # it is worse than the form that was there
+        return None
+    return _Added(trial, view, [])
 
 
 def _replaces_form(search: Search, before: Sequence[int], after: Sequence[int]) -> bool:
-    """Return whether a link that bends has another form after a step than before it."""
-    replaced = set(before) - set(after)
-    return any(search.traits.forms[g] >= 0 for g in replaced)
+    """Return whether what yields has another form after a step than before it."""
+    left = set(after)
+    forms = search.traits.forms
+    replaced = [g for g in before if g not in left]
+    has_form = forms[replaced] >= 0
+    return bool(has_form.any())
 
 
 def _is_determined(search: Search, g: int, view: View) -> bool:

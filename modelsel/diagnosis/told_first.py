@@ -114,4 +114,9 @@ def _find_alike(found: Sequence[Candidate], own: Candidate) -> list[int]:
 def _select_driven(found: Sequence[Candidate], own: Candidate, numbers: Sequence[int]) -> list[int]:
     """Select the candidates with the places and drivers of one of them."""
     drivers = read_drivers(own)
-    return [k for k in numbers if read_drivers(found[k]) == drivers]
+    alike = []
+    for k in numbers:
+        of_other = read_drivers(found[k])
+        if of_other == drivers:
+            alike.append(k)
+    return alike

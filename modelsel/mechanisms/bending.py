@@ -56,12 +56,14 @@ MINUS = Number(-1.0)
 
 def _list_later(robot: Robot, link: int) -> Sequence[int]:
     """List the frames beyond a link's end where a mass may sit."""
-    return later_frames(robot, link + 1)
+    end = link + 1
+    return later_frames(robot, end)
 
 
 def _list_line_end(robot: Robot, link: int) -> Sequence[int]:
     """List the frame at the end of a link's line alone."""
-    return (find_line_end(robot, link),)
+    end = find_line_end(robot, link)
+    return (end,)
 
 
 class Form(NamedTuple):
@@ -171,14 +173,17 @@ def link_bending(robot: Robot, link: int, bending: int) -> Mechanism:
 
 def _bend_by_all(robot: Robot, link: int, form: Form) -> list[Term]:
     """List the terms of a link that bends under all masses beyond it together."""
+    end = link + 1
+    target = robot.n + 1
     terms = []
     for symbol, bend in zip("bw", form.bends, strict=False):
+        own = bend(robot, link)
         held = {}
         if form.of_payload:
-            held = bend(robot, link, robot.n + 1)
-        own = bend(robot, link)
-        screws = build_screws(link + 1, own, held, PAYLOAD)
-        terms.append(Term(f"{symbol}{link}", screws, COMPLIANCE, 1))
+            held = bend(robot, link, target)
+        screws = build_screws(end, own, held, PAYLOAD)
+        term = Term(f"{symbol}{link}", screws, COMPLIANCE, 1)
+        terms.append(term)
     return terms
 
 
@@ -194,9 +199,13 @@ def _bend_by_each(robot: Robot, link: int, form: Form, bodies: Sequence[int]) ->
         for body in bodies:
             bent = bend(robot, link, body)
             screws = build_screws(end, bent)
-            if screws:
-                sign = 0 if body == end and takes_difference else 1
-                terms.append(Term(f"{symbol}{link}m{body}", screws, HEAVY, sign))
+            if not screws:
+                continue
+            sign = 1
+            if body == end and takes_difference:
+                sign = 0
+            term = Term(f"{symbol}{link}m{body}", screws, HEAVY, sign)
+            terms.append(term)
     return terms
 
 
@@ -254,7 +263,9 @@ def _describe(link: int, weight: str, form: Form) -> str:
     """Describe what a link does under a weight, in a sentence."""
     if form.is_end:
         return f"The far end of link {link} turns in proportion to the moment of the {weight}."
-    bends = "bends and twists" if form.bends == AS_BEAM else "bends"
+    bends = "bends"
+    if form.bends == AS_BEAM:
+        bends = "bends and twists"
     return f"Link {link} {bends} as a beam does, under the moment and the force of the {weight}."
 
 

@@ -150,16 +150,26 @@ def list_hangs(robot: Robot, joint: int) -> tuple[int, ...]:
     """List what may be known of where a payload hangs that winds up a drive. Anywhere, it has two numbers for
     a drive that turns the flange alone, about one of its axes: the torque then follows from the direction
     of gravity in the flange."""
-    is_alone = joint == robot.n and not is_coupled(robot, joint)
-    if not is_alone or robot.joints[-1].prismatic or len(_list_across(robot)) != 2:
-        return (AT_TARGET,)
+    known = (AT_TARGET,)
+    if joint < robot.n or robot.prismatic[-1]:
+        return known
+    if is_coupled(robot, joint):
+        return known
+    across = _list_across(robot)
+    if len(across) != 2:
+        return known
     return AT_TARGET, ANYWHERE
 
 
 def _list_across(robot: Robot) -> list[str]:
     """List the flange's axes that the last joint's axis has no part along."""
-    along = np.abs(robot.last[2, :3])
-    return [axis for axis, part in zip("xyz", along, strict=True) if part < NO_PART]
+    last_axis = robot.last[2, :3]
+    parts = np.abs(last_axis)
+    across = []
+    for axis, part in zip("xyz", parts, strict=True):
+        if part < NO_PART:
+            across.append(axis)
+    return across
 
 
 def payload_deflection(robot: Robot, joint: int, hang: int = AT_TARGET) -> Mechanism:
@@ -186,7 +196,9 @@ def _wind_up(
     robot: Robot, joint: int, axis: str, cause: Cause, sizes: tuple[float, float], sign: int = 0
 ) -> Term:
     """Build the term of a drive that winds up under a payload."""
-    return Term(f"p{joint}{axis}", drive_screws(robot, joint, cause), sizes, sign)
+    symbol = f"p{joint}{axis}"
+    screws = drive_screws(robot, joint, cause)
+    return Term(symbol, screws, sizes, sign)
 
 
 def counterbalance(robot: Robot) -> Mechanism | None:

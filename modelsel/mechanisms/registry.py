@@ -1,8 +1,7 @@
 """The table of mechanisms: explicit, passed as an argument, never changed by an import.
 
-An entry is a function `robot -> Mechanism` (None where it does not apply), or PerJoint for one that
-exists once a joint. Outsiders join by the entry point group `modelsel.mechanisms`: () -> dict of
-entries (`with_plugins`)."""
+An entry is a function `robot -> Mechanism` (None where it does not apply), or PerJoint for one that exists once
+a joint. Outsiders join by the entry point group `modelsel.mechanisms`: () -> dict of entries (`with_plugins`)."""
 
 from __future__ import annotations
 
@@ -45,12 +44,11 @@ class PerJoint:
 
 @dataclass(frozen=True)
 class Scanned:
-    """A mechanism with an inner constant (waves a turn, a moment in time, masses): `build(robot,
-    joint, constant)`, or `build(robot, constant)` where `joints` is None; naming scans the
-    constants and counts them all. `range`: between which real numbers the constant may lie where it
-    is one; sampling then takes it as continuous. `targets`: names of several targets, of which each may
-    move by itself, None where they are not known; `numbers`: those of the targets in their file; `more`:
-    constants that a name may have beyond those that every search offers."""
+    """A mechanism with an inner constant (waves a turn, a moment, masses): `build(robot, joint, constant)`, or
+    `build(robot, constant)` where `joints` is None; naming scans the constants and counts them all. `range`:
+    between which real numbers it may lie where it is one that sampling takes as continuous. `targets`: names
+    of several targets, each of which may move by itself, None where they are not known; `numbers`: theirs in
+    their file; `more`: constants that a name may have beyond those that every search offers."""
 
     build: Callable[..., Mechanism]
     constants: Callable[..., tuple[float, ...]]

@@ -159,7 +159,10 @@ def _find_lacking(robot: Robot, joint: int) -> str:
 
 def _hangs_anywhere(mechanism: Mechanism) -> bool:
     """Whether a drive winds up under a payload of which nobody knows where it hangs."""
-    return mechanism.stem == "payload-deflection" and len(mechanism.terms) > 1
+    if mechanism.stem != "payload-deflection":
+        return False
+    numbers = len(mechanism.terms)
+    return numbers > 1
 
 
 def _find_load(mechanism: Mechanism, frame: int, part: Fitted) -> Array:

@@ -100,8 +100,11 @@ def _weigh_direction(box: Array, place: Array, away: Array) -> float:
 def _weigh_cover(box: Array, drawn: Drawn, written: Array) -> float:
     """Return what a box costs for what it covers; `written` (w, 2, 2): other boxes."""
     low, high = box
-    is_out = low.min() < EDGE or high[1] > drawn.top - EDGE
-    if is_out or _covers(box, drawn.frames) or _meets(box, written):
+    top = drawn.top - EDGE
+    is_out = low.min() < EDGE or high[1] > top
+    if is_out or _covers(box, drawn.frames):
+        return COVERED
+    if _meets(box, written):
         return COVERED
     cost = 0.0
     if _covers(box, drawn.links):
