@@ -18,6 +18,7 @@ from ..exceptions import NotEstimable, sentence_list, write_percent, write_round
 from ..fitting.least_squares import Fit
 from ..fitting.noise import Floor
 from ..fitting.problem import Problem
+from ..measurements.measurements import Measurements
 from ..mechanisms.causes import ONE
 from ..mechanisms.terms import Term
 from ..notices import (
@@ -57,6 +58,7 @@ CALIBRATED_SHARE = 1e-3
 HOPELESS_RATIO = 5.0
 # or above CALIBRATED_SHARE and this many times the known noise
 HOPELESS_NOISE_RATIO = 50.0
+MIN_MOTION = 1e-6  # rad or mm: a joint with a smaller range does not move
 HOPELESS_ANGLE = 0.1  # rad of orientation left (rms)
 # residual over detection limit, above which the limit alone would mislead
 MIN_LEFT_OVER_LIMIT = 5.0
@@ -292,7 +294,8 @@ def _describe_hopeless_fit(
             f"{write_rounded(np.degrees(angle))}° rms of orientation are left, where a calibrated arm leaves "
             "less than 1°"
         )
-    reasons = _list_reasons(notes, register, len(split.problem.data.groups))
+    data = split.problem.data
+    reasons = _list_still(data) + _list_reasons(notes, register, len(data.groups))
     return (
         "This fit explains the data poorly, and nothing that follows can be relied on: "
         f"{what}. {reasons}."
@@ -337,6 +340,17 @@ def _measure_angle(split: Split, evaluation: Evaluation) -> float:
         return 0.0
     _, angle = angles
     return angle
+
+
+def _list_still(data: Measurements) -> str:
+    """Return a sentence on joints whose readings never change, which a wrong column would explain; nothing
+    where there are none."""
+    ranges = np.ptp(data.q, axis=0)
+    still = np.flatnonzero(ranges <= MIN_MOTION)
+    if not len(still):
+        return ""
+    joints = sentence_list([f"joint {j}" for j in still + 1])
+    return f"The readings of {joints} never change: if the arm moved there, correct that first. "
 
 
 def _list_reasons(notes: Sequence[Note], register: Register, groups: int) -> str:

@@ -29,7 +29,7 @@ from ..setup.feature_positions import place_features
 from ..setup.mistakes import MIN_CONFIGURATIONS
 from ..setup.plausibility import MAX_DISTANCE_SHARE
 from ..setup.registration import register
-from .checks import check_setup
+from .checks import MIN_MOTION, check_setup
 from .near_rows import note_returns
 from .told_parts import describe_told_parts
 
@@ -42,7 +42,6 @@ FAR = (
     "them, and `modelsel study` refuses them: check the robot, the order of the joints, the units and the frame."
 )
 MAX_PLACES = 5  # rows beyond a joint's limits that are listed
-MIN_MOTION = 1e-6  # rad or mm: a joint with a smaller range does not move
 
 
 def inspect_measurements(robot: Robot, data: Measurements) -> dict[str, Any]:

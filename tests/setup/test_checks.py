@@ -527,6 +527,18 @@ def test_a_fit_without_hope_says_so_first(rng, tmp_path) -> None:
 
 
 @pytest.mark.slow
+def test_a_fit_without_hope_names_the_readings_that_never_change(rng, tmp_path) -> None:
+    data = frame(rng, 60)
+    column = str(rng.choice([name for name in data if name.startswith("q")][1:5]))
+    first = studied(tmp_path, data.assign(**{column: 0.3})).record.verdict[0]
+    joint = column[1]
+    assert (
+        f"The readings of joint {joint} never change: if the arm moved there, correct that first."
+        in first
+    )
+
+
+@pytest.mark.slow
 def test_a_detection_limit_far_below_what_is_left_is_no_comfort(rng, tmp_path) -> None:
     """0.024 mm beside 0.2 mm left, where noise leaves less: said; where the noise is what is left,
     not."""
