@@ -22,7 +22,7 @@ from .uncausal_columns import NO_NAME, describe_uncausal, find_uncausal_columns,
 MAX_KNOWN_COVARIATE = 1e12
 MAX_COVARIATE = 1e30
 # from absolute zero to what no robot stands: a hotter one is in kelvin; what no robot carries
-COVARIATE_LIMITS = {"temperature_C": (-273.15, 200.0), "payload_kg": (0.0, 1e5)}
+COVARIATE_LIMITS = {"temperature_C": (-273.15, 200.0), "payload_kg": (0.0, 5e3)}
 FUNCTIONS = {"sin", "cos", "sign", "abs", "exp", "tanh", "root", "saw", "free"}
 
 

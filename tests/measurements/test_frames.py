@@ -91,6 +91,7 @@ REFUSED = {
     "more joints": bad(q3_rad=0.0),
     "no rows": bad().iloc[:0],
     "covariate": bad(payload_kg=[1, None, 2]),
+    "grams": bad(payload_kg=[0, 8000, 8000]),
 }
 
 
