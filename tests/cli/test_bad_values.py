@@ -133,7 +133,7 @@ def test_a_load_has_a_mass() -> None:
     robot = load_robot("ur10")
     frame = measured(robot, 12, payload_kg=5.0)
     frame.loc[4, "payload_kg"] = -5.0
-    words = r"row 4, column payload_kg: .* between 0 and 100000, found \"-5"
+    words = r"row 4, column payload_kg: .* between 0 and 5000, found \"-5"
     with pytest.raises(DataError, match=words):
         read_measurements(frame, robot)
 
