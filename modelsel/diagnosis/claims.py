@@ -25,7 +25,7 @@ from .company import Company, list_company
 from .contenders import Contenders, gather_contenders
 from .distinct_places import Place, find_alike
 from .effects import Claim, find_level
-from .evidence import MIN_LOG_ODDS, sum_evidence
+from .evidence import MIN_LOG_ODDS, compute_factors, sum_evidence
 from .joined_warm_ups import generate_joined_warm_ups
 from .mechanism_families import weigh_families
 from .sentences import has_contrary_signs
@@ -184,9 +184,11 @@ def weigh_alone(
     contenders."""
     own = search.candidates[g]
     view = contenders.view
-    renamed = search.rename(g, view)
-    listed = renamed.factors
-    log_prior = np.where(np.isfinite(renamed.named.log_probability), search.log_prior, -np.inf)
+    # not kept with the name: of all effects and models they would be many
+    scan, response = search.scan_without(g, view)
+    listed = compute_factors(scan, response)
+    named = search.rename(g, view).named
+    log_prior = np.where(np.isfinite(named.log_probability), search.log_prior, -np.inf)
     others = [rival.candidate for rival in rivals]
     joint = listed
     if others:

@@ -51,12 +51,10 @@ def extend_model(base: Model, chosen: Sequence[Candidate]) -> Model:
 
 
 class Renamed(NamedTuple):
-    """An effect named again, given all others, and the log evidence for it and its like; the log Bayes
-    factors (ratios, G) of every candidate in its place."""
+    """An effect named again, given all others, and the log evidence for it and its like."""
 
     named: CredibleSet
     evidence: float
-    factors: Array
 
 
 class Search:
@@ -271,7 +269,7 @@ class Search:
         renamed = rename_effect(question, g, without=self._exclude_beside(g, view))
         evidence = compute_own_evidence(question, renamed, g)
         named = include_candidate(question, renamed, g)
-        answers[g] = Renamed(named, evidence, question.factors)
+        answers[g] = Renamed(named, evidence)
         return answers[g]
 
     def _exclude_beside(self, g: int, view: View) -> Index:
