@@ -50,8 +50,8 @@ class Traits:
 
     @cached_property
     def single(self) -> Index:
-        """Equal numbers (G,) above nought, of which a model has one: bumps of one joint, and forms of one
-        link that bends under one load."""
+        """Equal numbers (G,) above nought, of which a model has one: bumps of one joint, and forms in
+        which one link or drive yields to one load."""
         forms = self.forms
         has_form = forms >= 0
         after_joints = 1 + self.problem.robot.n

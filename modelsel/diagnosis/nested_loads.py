@@ -15,14 +15,14 @@ import numpy as np
 
 from .._typing import Index
 from ..mechanisms.bending import LINK_BENDING, PAYLOAD_BENDING
-from ..mechanisms.compliance import has_known_masses, needs_both_loads
+from ..mechanisms.compliance import PAYLOAD_DEFLECTION, has_known_masses, needs_both_loads
 from ..mechanisms.terms import Mechanism
 from .candidates import Candidate
 
 # what yields to the arm's own weight, and what the same is called under the payload
 COMPLIANCE = "joint-compliance"
 OF_PAYLOAD = {
-    "payload-deflection": COMPLIANCE,
+    PAYLOAD_DEFLECTION: COMPLIANCE,
     PAYLOAD_BENDING: LINK_BENDING,
     "payload-tilt": "base-tilt",
 }

@@ -14,19 +14,19 @@ import numpy as np
 from .._typing import Array
 from ..measurements.state_names import StateKind, state_kind
 from ..mechanisms.bending import PAYLOAD_BENDING
-from ..mechanisms.compliance import PAYLOAD
+from ..mechanisms.compliance import PAYLOAD, PAYLOAD_DEFLECTION
 from ..mechanisms.terms import Mechanism
 from .signatures import LEVELS
 
 # kinds of what depends on where the target is, where a payload is thought to hang
-AT_TARGET = {
+BY_TARGET = {
     StateKind.UNIT_TORQUE,
     StateKind.UNIT_BENDING,
     StateKind.LOAD_POSITION,
     StateKind.LOAD_ON_FLANGE,
 }
 # what has numbers for where it hangs
-ANYWHERE = PAYLOAD_BENDING, "payload-deflection"
+WITH_OWN_PLACE = PAYLOAD_BENDING, PAYLOAD_DEFLECTION
 # what is left of a claim where the arm may as well yield elsewhere
 EVEN = 0.5
 
@@ -52,9 +52,9 @@ def find_places(mechanisms: Sequence[Mechanism]) -> Places:
         if PAYLOAD not in names:
             continue
         kinds = {state_kind(name) for name in names}
-        if kinds & AT_TARGET:
+        if kinds & BY_TARGET:
             at_target.append(number)
-        elif mechanism.stem in ANYWHERE:
+        elif mechanism.stem in WITH_OWN_PLACE:
             anywhere.append(number)
     return Places(tuple(anywhere), tuple(at_target))
 

@@ -14,7 +14,7 @@ from .._typing import Index
 from ..measurements.reference_temperature import TEMPERATURE
 from ..measurements.state_names import StateKind, is_where_target_is, parse_state_name, state_kind
 from ..mechanisms.bending import LINK_BENDING, PAYLOAD_BENDING
-from ..mechanisms.compliance import PAYLOAD
+from ..mechanisms.compliance import PAYLOAD, PAYLOAD_DEFLECTION
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
 from .data_faults import FaultKind
@@ -41,7 +41,7 @@ SHAPELESS = (
 
 # what yields in several forms: links by the moment at their end or all along, what a payload turns wherever
 # it hangs
-OF_FORMS = LINK_BENDING, PAYLOAD_BENDING, "payload-deflection"
+OF_FORMS = LINK_BENDING, PAYLOAD_BENDING, PAYLOAD_DEFLECTION
 # a torque of 1 kg at a frame is the torque of masses that are not known
 WITHOUT_MASSES = {
     StateKind.UNIT_TORQUE: StateKind.TORQUE,

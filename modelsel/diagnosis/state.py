@@ -324,8 +324,8 @@ class Search:
         return " & ".join(self.candidates[g].mechanism.name for g in members)
 
     def add(self, chosen: Sequence[int], g: int) -> list[int]:
-        """Add candidate g; a free function of a joint replaces one with other knots, a link that bends the
-        same link in another form."""
+        """Add candidate g; a free function of a joint replaces one with other knots, a form of
+        what yields another form of that."""
         subject = self._find_subject(g)
         return [*(k for k in chosen if self._find_subject(k) != subject), g]
 

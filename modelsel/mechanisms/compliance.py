@@ -33,6 +33,7 @@ YIELD_BY_LOAD = (1e-4, 1.0)
 # what is known of the weight that a drive holds: the masses that are declared (or unit ones); none of
 # them, so that each is a term; those that are declared, and the payload besides
 DECLARED, UNKNOWN, WITH_PAYLOAD = 0, 1, 2
+PAYLOAD_DEFLECTION = "payload-deflection"
 # what is known of where a payload hangs: at the target (at the mean of several), or nothing
 AT_TARGET, ANYWHERE = 0, 1
 # share of a unit vector below which it has no part along an axis
@@ -175,15 +176,17 @@ def _list_across(robot: Robot) -> list[str]:
 def payload_deflection(robot: Robot, joint: int, hang: int = AT_TARGET) -> Mechanism:
     """The drive winds up under the payload, at the target or anywhere (`hang`: one of `list_hangs`); its mass is
     the column payload_kg."""
-    of_what = "1 kg at the target"
-    terms = [_wind_up(robot, joint, "", payload_torque(robot, joint), COMPLIANCE, 1)]
-    if hang == ANYWHERE:
+    if hang == AT_TARGET:
+        of_what = "1 kg at the target"
+        cause = payload_torque(robot, joint)
+        terms = [_wind_up(robot, joint, "", cause, COMPLIANCE, 1)]
+    else:
         of_what = "1 kg where the payload hangs"
         payload = Named(PAYLOAD, "kg")
         causes = {axis: payload * Named(f"down_{axis}") for axis in _list_across(robot)}
         terms = [_wind_up(robot, joint, axis, causes[axis], HEAVY) for axis in causes]
     return Mechanism(
-        f"payload-deflection:{joint}",
+        f"{PAYLOAD_DEFLECTION}:{joint}",
         tuple(terms),
         f"{name_drive(robot, joint).capitalize()} winds up in proportion to the torque of the payload.",
         f"{drive_angle(robot, joint)} + p · payload_kg · torque of {of_what}",

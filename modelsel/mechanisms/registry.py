@@ -111,7 +111,7 @@ _BUILTIN: Registry = {
     bending.LINK_BENDING: Scanned(
         bending.link_bending, bending.list_bendings, bending.find_bending_links
     ),
-    "payload-deflection": Scanned(
+    compliance.PAYLOAD_DEFLECTION: Scanned(
         compliance.payload_deflection, compliance.list_hangs, motors.find_payload_motors
     ),
     bending.PAYLOAD_BENDING: Scanned(

@@ -16,7 +16,13 @@ from ..diagnosis.whole_torques import find_load
 from ..mechanisms.beams import name_moments
 from ..mechanisms.bending import LINK_BENDING
 from ..mechanisms.causes import torque
-from ..mechanisms.compliance import has_known_masses, needs_both_loads, payload_torque, whole_torque
+from ..mechanisms.compliance import (
+    PAYLOAD_DEFLECTION,
+    has_known_masses,
+    needs_both_loads,
+    payload_torque,
+    whole_torque,
+)
 from ..mechanisms.motors import motor_torque, name_drive
 from ..mechanisms.terms import Mechanism
 from ..robot.gravity import declares_masses, declares_masses_beyond, find_gravity_joints
@@ -47,7 +53,7 @@ def measure_wind_up(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
         load = _find_load(mechanism, frame, part)
         robot = fitted.workspace.problem.robot
         lacking = _find_lacking(robot, frame)
-        if mechanism.stem == "payload-deflection":
+        if mechanism.stem == PAYLOAD_DEFLECTION:
             lacking = NO_PLACE if _hangs_anywhere(mechanism) else ""
         words = f"{_describe_motion(mechanism, frame, robot)} at full stretch"
         ends = frame == max(frames)
@@ -159,7 +165,7 @@ def _find_lacking(robot: Robot, joint: int) -> str:
 
 def _hangs_anywhere(mechanism: Mechanism) -> bool:
     """Whether a drive winds up under a payload of which nobody knows where it hangs."""
-    if mechanism.stem != "payload-deflection":
+    if mechanism.stem != PAYLOAD_DEFLECTION:
         return False
     numbers = len(mechanism.terms)
     return numbers > 1
@@ -175,7 +181,7 @@ def _find_load(mechanism: Mechanism, frame: int, part: Fitted) -> Array:
         return np.asarray(np.linalg.norm(turn, axis=0))
     robot = problem.robot
     motor = mechanism.joint or frame
-    if mechanism.stem == "payload-deflection":
+    if mechanism.stem == PAYLOAD_DEFLECTION:
         return np.asarray(np.abs(problem.cause(payload_torque(robot, motor))))
     if mechanism.stem == LINK_BENDING:
         return _weigh_end(mechanism, frame, workspace)
@@ -217,7 +223,7 @@ def _describe_motion(mechanism: Mechanism, frame: int, robot: Robot) -> str:
         both = " under the arm's weight and the payload" if needs_both_loads(mechanism) else ""
         return f"turn of the end of link {frame - 1}{both}"
     drive = name_drive(robot, mechanism.joint or frame)
-    if mechanism.stem == "payload-deflection":
+    if mechanism.stem == PAYLOAD_DEFLECTION:
         return f"wind-up of {drive} under the largest payload"
     if needs_both_loads(mechanism):
         return f"wind-up of {drive} under the arm's weight and the payload"
