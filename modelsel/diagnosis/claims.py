@@ -19,6 +19,7 @@ from .._typing import Array
 from ..fitting.problem import Problem
 from ..mechanisms.motors import is_joint_motion
 from ..mechanisms.terms import Mechanism
+from .candidate_kinds import CandidateKind
 from .candidates import Candidate
 from .common_steps import generate_common_steps
 from .company import Company, list_company
@@ -146,14 +147,16 @@ def weigh_own_functions(
 
 
 def _is_own_function(search: Search, g: int) -> bool:
-    """Return whether a candidate turns one joint by a function of its own angle."""
+    """Return whether a candidate turns one joint by a function of its own angle, or by one of any shape
+    of that and more."""
     candidate = search.candidates[g]
     joint = find_moved_joint(search.problem, candidate)
     if joint is None:
         return False
     drivers = candidate.mechanism.names()
     own = {f"q{joint}"}
-    return drivers == own
+    has_any_shape = candidate.kind is CandidateKind.SHAPE
+    return own <= drivers if has_any_shape else drivers == own
 
 
 def list_rivals_beside(search: Search, view: View, g: int) -> list[Rival]:

@@ -15,7 +15,7 @@ from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate
 from modelsel.diagnosis.claim_sentences import name_places
 from modelsel.diagnosis.procedure import diagnose
-from modelsel.diagnosis.signatures import read_parts, read_signatures
+from modelsel.diagnosis.signatures import PROVEN, read_parts, read_signatures
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import q
@@ -24,8 +24,6 @@ from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load_robot
 
 SIGMA = 0.05
-# probability of a place that nothing else explains as well
-SURE = 0.96
 TOOL = (40.0, -25.0, 100.0)
 
 
@@ -130,4 +128,4 @@ def test_a_joint_that_yields_is_told_whatever_yields_there(rng: np.random.Genera
     told = {name_places(effect): effect.claim for effect in found.effects}
     claim = told["Joint 3 is off its reading"]
     assert claim is not None
-    assert claim.levels[0] >= SURE
+    assert claim.levels[0] >= PROVEN
