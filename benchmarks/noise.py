@@ -30,6 +30,7 @@ from modelsel.diagnosis.options import DEFAULT_OPTIONS, DiagnosisOptions
 from modelsel.diagnosis.outcome import Diagnosis
 from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.diagnosis.scan import build_scan, compute_basis
+from modelsel.diagnosis.separation import Inquiry
 from modelsel.fitting.design import residuals
 from modelsel.fitting.error_structure import ErrorStructure
 from modelsel.fitting.least_squares import fit
@@ -331,7 +332,9 @@ def diagnose_campaign(
     folds = assign_folds(at.data, 10, generator(seed, "folds"))
     split = Split(at, np.ones(m, bool), np.zeros(m, bool), folds, False)
     everything = (*faults, *every(at.robot))
-    split, diagnosis, _ = diagnose_split(split, base, everything, seed, True, options=options)
+    split, diagnosis, _ = diagnose_split(
+        split, Inquiry(base, everything, seed, True, options=options)
+    )
     return split, diagnosis
 
 

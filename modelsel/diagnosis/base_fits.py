@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from .._typing import Mask
 from ..fitting.design import Model
 from ..fitting.least_squares import Fit, fit
 from ..selection.evaluation import Split
+
+# told which rows (m,) are outliers, and the base fitted without them
+TellBase = Callable[[Mask, Fit], None]
+
+
+def keep_base(outlying: Mask, fitted: Fit) -> None:
+    """Tell nobody."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -134,6 +134,8 @@ def alternate(split: Split, inquiry: Inquiry) -> tuple[Split, Diagnosis, tuple[C
     none = np.zeros(len(training), bool)
     every_row = replace(split, outlying=np.zeros(len(split.outlying), bool))
     outlying = find_gross_outliers(training, fits.fit(every_row))
+    marked = replace(split, outlying=_expand_mask(split.estimation, outlying))
+    inquiry.tell_base(marked.outlying, fits.fit(marked))
     listed = list_parts(split.problem, split.estimation)
     everything = place_steps(split.problem, split.estimation, inquiry.everything)
     parts = choose_parts(listed, inquiry.options.parts, inquiry.options.fixed_parts)

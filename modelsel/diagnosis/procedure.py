@@ -16,7 +16,7 @@ import numpy as np
 from .._arguments import check_rows, check_type, check_whole_number, collect_names
 from .._progress import News, follow, keep_silent
 from .._random import generator
-from .._typing import Array, Index, Mask, Say
+from .._typing import Array, Index, Mask
 from .._workers import count_cores, steady_arithmetic
 from ..exceptions import StudyError
 from ..fitting.design import Model
@@ -34,6 +34,7 @@ from ..mechanisms.registry import (
 from ..mechanisms.terms import Mechanism
 from ..selection.evaluation import Errors, Split, summarise_errors
 from ..selection.splits import assign_folds
+from .base_fits import keep_base
 from .candidates import Candidate
 from .chosen_moments import choose_step_moments, list_scanned_steps
 from .options import DEFAULT_OPTIONS, DiagnosisOptions
@@ -87,8 +88,7 @@ def diagnose(  # noqa: PLR0913  all but the first have defaults
     registry = set_targets(registry, problem.data.targets, problem.data.listed_targets)
     mechanisms = _build_base(problem, used, base_names, registry)
     with follow(None, progress) as say:
-        _, diagnosis, _ = diagnose_split(
-            split,
+        inquiry = Inquiry(
             base=Model(mechanisms),
             everything=_resolve_candidates(problem, candidates, registry),
             seed=seed,
@@ -96,6 +96,7 @@ def diagnose(  # noqa: PLR0913  all but the first have defaults
             say=say,
             options=options,
         )
+        _, diagnosis, _ = diagnose_split(split, inquiry)
     return diagnosis
 
 
@@ -134,27 +135,20 @@ def _resolve_candidates(
 
 
 def diagnose_split(
-    split: Split,
-    base: Model,
-    everything: tuple[Mechanism, ...],
-    seed: int,
-    cells: bool,
-    say: Say = keep_silent,
-    options: DiagnosisOptions = DEFAULT_OPTIONS,
+    split: Split, inquiry: Inquiry
 ) -> tuple[Split, Diagnosis, tuple[Candidate, ...]]:
     """Find outliers and name effects in turn, until the outliers stay the same.
 
-    `everything`: mechanisms that may extend the base; `cells`: whether unregistered causes may,
-    too. Of more than `options.max_rows` estimation rows, configurations drawn by the seed are
-    scanned; outliers are judged in all rows. Returns the split with its outliers marked and its rows
+    Of more than `options.max_rows` estimation rows, configurations drawn by the seed are scanned; outliers are judged in all rows. Returns the split with its outliers marked and its rows
     weighed so that they are independent, the diagnosis, and the candidates."""
-    inquiry = Inquiry(base, everything, seed, cells, say, options)
     split = replace(split, problem=split.problem.as_stated())
-    if split.estimation.sum() <= options.max_rows:
+    max_rows = inquiry.options.max_rows
+    if split.estimation.sum() <= max_rows:
         return alternate(split, inquiry)
-    drawn = _draw_configurations(split, seed, options.max_rows)
+    drawn = _draw_configurations(split, inquiry.seed, max_rows)
     sample = replace(split, estimation=drawn)
-    sample, diagnosis, found = alternate(sample, inquiry)
+    # to a sample the base is fitted roughly
+    sample, diagnosis, found = alternate(sample, inquiry._replace(tell_base=keep_base))
     split.problem.keep_values(diagnosis.model.terms)
     outlying = _find_outliers_everywhere(split, sample, diagnosis)
     whole = replace(split.problem, whitening=sample.problem.whitening)
@@ -228,7 +222,7 @@ def _run_fold(k: int, split: Split, inquiry: Inquiry, fold: Index) -> _Fold:
         split, estimation=split.estimation & ~outside, outlying=np.zeros(len(fold), bool)
     )
     base = inquiry.base
-    inside, diagnosis, _ = diagnose_split(rest, *inquiry)
+    inside, diagnosis, _ = diagnose_split(rest, inquiry)
     problem = split.problem.take(outside)
     base_fit = fit(inside.training, base)
     names = [effect.candidate.label for effect in diagnosis.effects]
@@ -256,7 +250,7 @@ def run_nested_folds(split: Split, asked: Inquiry, folds: int) -> Nested:
     fold = assign_nested_folds(split, folds, asked.seed)
     count = int(fold.max()) + 1
     say = asked.say
-    inquiry = asked._replace(say=keep_silent)
+    inquiry = asked._replace(say=keep_silent, tell_base=keep_base)
     run = partial(_run_fold, split=split, inquiry=inquiry, fold=fold)
     workers = min(count, count_cores())
     done: list[_Fold] = []

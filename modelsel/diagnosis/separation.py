@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .._progress import News
+from .._progress import News, keep_silent
 from .._random import generator
 from .._typing import Say
 from ..fitting.design import Model
@@ -31,13 +31,14 @@ from ..fitting.splines import spline
 from ..mechanisms.terms import Mechanism
 from ..selection.evaluation import Split
 from ..selection.structure_criterion import compute_criterion
+from .base_fits import TellBase, keep_base
 from .candidates import Candidate
 from .conclusion import conclude, prove
 from .driver_functions import IN_TIME
 from .effects import Effect
 from .high_waves import find_high_waves
 from .kept_causes import KeptCauses
-from .options import DiagnosisOptions
+from .options import DEFAULT_OPTIONS, DiagnosisOptions
 from .outcome import Diagnosis, build_empty
 from .reshaping import improve_shapes, look_closer
 from .state import Search, extend_model
@@ -58,14 +59,18 @@ WORTH_TELLING = 0.01
 
 
 class Inquiry(NamedTuple):
-    """The question that a diagnosis answers: the base, what may extend it, and the options."""
+    """The question that a diagnosis answers: the base, what may extend it, and the options.
+
+    `everything`: mechanisms that may extend the base; `cells`: whether unregistered causes may, too;
+    `tell_base` is told the outliers and the fitted base, before effects are looked for."""
 
     base: Model
     everything: tuple[Mechanism, ...]
     seed: int
     cells: bool
-    say: Say
-    options: DiagnosisOptions
+    say: Say = keep_silent
+    options: DiagnosisOptions = DEFAULT_OPTIONS
+    tell_base: TellBase = keep_base
 
     def search(
         self,

@@ -12,6 +12,7 @@ from typing import NamedTuple
 from .._progress import keep_silent
 from .._typing import Say
 from ..config.study_file import Study
+from ..diagnosis.base_fits import keep_base
 from ..diagnosis.candidates import Candidate
 from ..diagnosis.options import DiagnosisOptions
 from ..diagnosis.outcome import Diagnosis
@@ -25,6 +26,7 @@ from ..mechanisms.terms import Mechanism
 from ..notices import Note
 from ..selection.evaluation import Split, evaluate
 from .checks import is_hopeless
+from .first_look import FirstLook
 from .held_out_outliers import exclude_held_out_outliers
 from .model_ladder import remeasure, searches_cells
 from .orientation_weights import diagnose_weighed
@@ -63,7 +65,8 @@ def build_inquiry(
 def seek_nothing(asked: Inquiry) -> Inquiry:
     """Ask for nothing beyond the base: outliers alone are looked for."""
     options = replace(asked.options, own=())
-    return asked._replace(everything=(), cells=False, say=keep_silent, options=options)
+    silent = asked._replace(say=keep_silent, tell_base=keep_base)
+    return silent._replace(everything=(), cells=False, options=options)
 
 
 def seek_causes(
@@ -78,6 +81,9 @@ def seek_causes(
     mistake = find_open_mistake(study, registry, split, asked, floor, notes)
     if mistake is not None:
         asked = seek_nothing(asked)
+    elif asked.say is not keep_silent:
+        look = FirstLook(study, registry, split, asked.say)
+        asked = asked._replace(tell_base=look.tell)
     named = diagnose_weighed(study, registry, split, asked)
     return Sought(mistake, asked, *named)
 
@@ -102,7 +108,7 @@ def find_open_mistake(
     split, floor, _ = check_stated_noise(split, floor, fitted)
     names = study.model.base
     base = evaluate(split, asked.base, names, fitted)
-    split = exclude_held_out_outliers(split, [base, base])
+    split = exclude_held_out_outliers(split, [base, base], diagnosis.errors)
     base = remeasure(base, split)
     noise = choose_noise_floor(split, floor, base)
     if not is_hopeless(split, base, noise):

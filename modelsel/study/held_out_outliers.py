@@ -14,22 +14,32 @@ from .._typing import Array, Index, Mask
 from ..diagnosis.mistaken_rows import explain_rows
 from ..diagnosis.outliers import GROSS_THRESHOLD, MAX_OUTLIER_SHARE, find_far_rows
 from ..fitting.design import compute_design, whitened
+from ..fitting.error_structure import ErrorStructure
 from ..fitting.least_squares import Fit
 from ..fitting.problem import Problem
 from ..selection.evaluation import Evaluation, Split
 
+# errors of which rows share none
+ALONE = ErrorStructure()
 
-def exclude_held_out_outliers(split: Split, ladder: Sequence[Evaluation]) -> Split:
+
+def exclude_held_out_outliers(
+    split: Split, ladder: Sequence[Evaluation], errors: ErrorStructure = ALONE
+) -> Split:
     """Mark the held-out rows that are outliers in every model of a ladder but the nominal one.
 
     The rule is fixed on the estimation rows: beyond GROSS robust standard deviations of their
-    residuals, and of what the parameters leave open. Where more than MAX_OUTLIER_SHARE of the rows
+    residuals, and of what the parameters leave open. Rows are judged by themselves, by what the
+    instrument has in their directions: among `errors` that rows share, a bad shot would make its
+    neighbours bad. Where more than MAX_OUTLIER_SHARE of the rows
     would be marked, and more than one, beside those that a slip explains, these alone are.
     """
     held_out = ~split.estimation
     far = held_out & ~split.outlying
+    alone = errors.of_instrument().whiten(split.problem.as_stated())
+    by_itself = replace(split, problem=alone)
     for evaluation in ladder[1:]:
-        far = _find_far(split, evaluation, far)
+        far = _find_far(by_itself, evaluation, far)
     share = MAX_OUTLIER_SHARE * held_out.sum()
     most = max(share, 1.0)
     slipped = _find_slipped(split, ladder[-1], far)

@@ -11,6 +11,7 @@ import numpy as np
 
 from .._typing import Array
 from ..config.study_file import Study
+from ..diagnosis.base_fits import keep_base
 from ..diagnosis.candidates import Candidate
 from ..diagnosis.options import DiagnosisOptions
 from ..diagnosis.outcome import Diagnosis
@@ -36,15 +37,16 @@ Named = tuple[Split, Diagnosis, tuple[Candidate, ...]]
 def diagnose_weighed(study: Study, registry: Registry, split: Split, asked: Inquiry) -> Named:
     """Diagnose a split whose orientations have the weight that is found beside what is named."""
     if not _is_open(study, split):
-        return diagnose_split(split, *asked)
+        return diagnose_split(split, asked)
     split = _weigh_by_models(study, registry, split, asked.base)
-    named = diagnose_split(split, *asked)
+    named = diagnose_split(split, asked)
+    asked = asked._replace(tell_base=keep_base)
     for _ in range(MOST_NAMINGS - 1):
         factor = _compare(named, asked.options)
         if 1 / SAME_NOISE < factor < SAME_NOISE:
             break
         split = _scale(split, factor)
-        named = diagnose_split(split, *asked)
+        named = diagnose_split(split, asked)
     return named
 
 

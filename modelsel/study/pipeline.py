@@ -145,7 +145,7 @@ def _analyse_prepared(
 
     # the table of subsets leaves out the same rows as the ladder
     split, side_notes = exclude_open_rows(split, ladder[-1], diagnosis.effects)
-    split = exclude_held_out_outliers(split, ladder)
+    split = exclude_held_out_outliers(split, ladder, diagnosis.errors)
     ladder = [remeasure(evaluation, split) for evaluation in ladder]
 
     say(SUBSETS)

@@ -17,6 +17,7 @@ from modelsel.diagnosis.candidates import Candidate, build_candidates
 from modelsel.diagnosis.effect_sentences import list_cautions
 from modelsel.diagnosis.effects import Effect
 from modelsel.diagnosis.procedure import diagnose_split
+from modelsel.diagnosis.separation import Inquiry
 from modelsel.fitting.design import Model
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import Applied, Named, q, sin
@@ -170,7 +171,7 @@ def test_nothing_that_is_named_is_larger_than_a_small_screw(rng: np.random.Gener
     position[45:] += rng.normal(0, 1.0, 3)
     at = bind(ARM, build_measurements(readings, position), TOOL)
     at = measured(at, at.data.position + rng.normal(0, 0.03, (60, 3)))
-    for e in diagnose_split(study_of(at), BASE, every(ARM), 1, cells=True)[1].effects:
+    for e in diagnose_split(study_of(at), Inquiry(BASE, every(ARM), 1, cells=True))[1].effects:
         for t, v, s in zip(e.candidate.mechanism.terms, e.estimate, e.standard_error, strict=True):
             if t.unit in ("mm", "rad"):
                 assert max(abs(v), s) < {"mm": 200.0, "rad": 0.2}[t.unit]

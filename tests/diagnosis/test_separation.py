@@ -120,7 +120,7 @@ def test_what_was_found_is_fitted_with_the_weights_of_the_errors_it_leaves(
     data = build_measurements(q, position, target=["a", "b"] * 70)
     split = study_of(Problem(robot, data, tools))
     base = Model((mechanism("geometric", robot),))
-    weighed, told, _ = diagnose_split(split, base, every(robot), 1, cells=False)
+    weighed, told, _ = diagnose_split(split, Inquiry(base, every(robot), 1, cells=False))
     assert told.effects
     assert told.errors.shared
     there = weighed.training

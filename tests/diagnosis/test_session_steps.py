@@ -10,6 +10,7 @@ from builders import OFF_AXIS, bind
 from exact import flanges_of
 
 from modelsel.diagnosis.procedure import diagnose_split
+from modelsel.diagnosis.separation import Inquiry
 from modelsel.diagnosis.session_steps import list_changes, place_steps
 from modelsel.fitting.design import Model
 from modelsel.fitting.problem import Problem
@@ -105,7 +106,7 @@ def test_a_held_out_row_stands_with_its_group(rng: np.random.Generator) -> None:
     used = training(at)
     split = Split(at, used, np.zeros(100, bool), np.arange(100) % 5, known_sigma=False)
     base = Model((mechanism("geometric", ROBOT),))
-    _, diagnosis, _ = diagnose_split(split, base, build_faults(ROBOT), 1, cells=False)
+    _, diagnosis, _ = diagnose_split(split, Inquiry(base, build_faults(ROBOT), 1, cells=False))
     left = diagnosis.fit.residuals(at)[~used]
     assert np.linalg.norm(left, axis=1).max() < 0.3
 

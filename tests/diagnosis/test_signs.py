@@ -25,6 +25,7 @@ from modelsel.diagnosis.evidence import compute_log_bayes_factors, normalise_str
 from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.diagnosis.scan import Scan, build_scan, compute_basis
 from modelsel.diagnosis.sentences import label_effect, list_usual_causes
+from modelsel.diagnosis.separation import Inquiry
 from modelsel.diagnosis.sign_constraints import find_contrary_terms
 from modelsel.diagnosis.signatures import PROVEN
 from modelsel.fitting.design import Model
@@ -49,9 +50,9 @@ def named(
     at = bind(arm, build_measurements(q, position, prismatic=arm.prismatic), TOOL)
     at = measured(at, at.data.position + rng.normal(0, SIGMA, position.shape))
     base = Model((mechanism("geometric", arm),))
-    return diagnose_split(study_of(at), base, (*every(arm), *build_faults(arm)), 1, cells=True)[
-        1
-    ].effects
+    return diagnose_split(
+        study_of(at), Inquiry(base, (*every(arm), *build_faults(arm)), 1, cells=True)
+    )[1].effects
 
 
 def turned(joint: int, by: Array, q: Array) -> Array:

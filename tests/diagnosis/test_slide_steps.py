@@ -14,6 +14,7 @@ from exact import flanges_of
 from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate
 from modelsel.diagnosis.procedure import diagnose_split
+from modelsel.diagnosis.separation import Inquiry
 from modelsel.diagnosis.session_steps import place_steps
 from modelsel.diagnosis.signatures import LEVELS, PROVEN, read_signatures
 from modelsel.fitting.design import Model, compute_design
@@ -73,7 +74,7 @@ def test_a_shift_along_a_slide_is_told_of_both(scara: Robot, rng: np.random.Gene
     rows = np.ones(ROWS, bool)
     split = Split(at, rows, ~rows, np.arange(ROWS) % 5, known_sigma=False)
     base = Model((mechanism("geometric", scara),))
-    _, diagnosis, _ = diagnose_split(split, base, every(scara), 1, cells=True)
+    _, diagnosis, _ = diagnose_split(split, Inquiry(base, every(scara), 1, cells=True))
     (effect,) = diagnosis.effects
     assert {"zero-step:3", "tracker-step"} <= set(effect.named.sum_by_label())
     assert effect.claim is not None

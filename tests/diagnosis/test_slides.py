@@ -20,6 +20,7 @@ from modelsel.diagnosis.candidates import Candidate, build_candidates
 from modelsel.diagnosis.effects import Effect
 from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.diagnosis.sentences import describe_candidate
+from modelsel.diagnosis.separation import Inquiry
 from modelsel.diagnosis.slide_waves import PITCHES, build_pitch_wave
 from modelsel.fitting.design import Model
 from modelsel.measurements.measurements import build_measurements
@@ -60,7 +61,7 @@ def said(
         TOOL,
     )
     at = measured(at, at.data.position + rng.normal(0, SIGMA, position.shape))
-    return diagnose_split(study_of(at), BASE, every(ARM), 1, cells=True)[1].effects
+    return diagnose_split(study_of(at), Inquiry(BASE, every(ARM), 1, cells=True))[1].effects
 
 
 @pytest.mark.slow

@@ -14,6 +14,7 @@ from modelsel.diagnosis.claim_sentences import describe_proven
 from modelsel.diagnosis.effects import Effect
 from modelsel.diagnosis.procedure import diagnose, diagnose_split
 from modelsel.diagnosis.sentences import label_effect
+from modelsel.diagnosis.separation import Inquiry
 from modelsel.diagnosis.session_steps import place_steps
 from modelsel.fitting.design import Model
 from modelsel.fitting.problem import Problem
@@ -114,7 +115,7 @@ def explain(at: Problem) -> tuple[Effect, ...]:
     offsets = build_setup(robot, len(at.data.targets), 1, register=False, orientation=False)
     base = Model((offsets, mechanism("geometric", robot)))
     offered = (*build_faults(robot), *offer(at))
-    return diagnose_split(study_of(at), base, offered, 1, cells=True)[1].effects
+    return diagnose_split(study_of(at), Inquiry(base, offered, 1, cells=True))[1].effects
 
 
 def offer(at: Problem) -> tuple[Mechanism, ...]:

@@ -25,6 +25,7 @@ from modelsel.diagnosis.candidate_columns import stack_design
 from modelsel.diagnosis.outliers import estimate_scale, find_gross_outliers
 from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.diagnosis.screw_columns import build_screw_columns
+from modelsel.diagnosis.separation import Inquiry
 from modelsel.exceptions import DataError, NotEstimable, StudyError
 from modelsel.fitting.batch import Ensemble
 from modelsel.fitting.design import Model, compute_design, residuals
@@ -138,7 +139,7 @@ def test_an_effect_is_found_and_held_out_errors_are_noise(what, tmp_path) -> Non
     )  # points tell 27 numbers of this arm; six are where the base stands
     assert sum(not base.terms[k].fixture for k in base.representatives) == TELL.get(what, 21)
     assert all(k in base.found.kept for k, t in enumerate(base.terms) if t.fixture)
-    data, extension, _ = diagnose_split(data, model(measured), OFFERED, 1, cells=False)
+    data, extension, _ = diagnose_split(data, Inquiry(model(measured), OFFERED, 1, cells=False))
     assert [e.candidate.mechanism.name for e in extension.effects] == ["wrist-coupling:5"]
     (effect,) = extension.effects
     assert effect.estimate[0] == pytest.approx(1.2e-3, abs=4 * effect.standard_error[0])

@@ -16,6 +16,7 @@ from modelsel.cli.main import run_command_line
 from modelsel.diagnosis.candidates import build_candidates, exceeds_cell_limit
 from modelsel.diagnosis.options import DiagnosisOptions
 from modelsel.diagnosis.procedure import diagnose_split
+from modelsel.diagnosis.separation import Inquiry
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem
@@ -116,13 +117,15 @@ def test_no_noise_and_an_effect(rng) -> None:
     base = Model((mechanism("geometric", PUMA),))
     _, extension, _ = diagnose_split(
         study_of(at),
-        base,
-        (
-            *build_mechanisms("encoder-eccentricity", PUMA),
-            *build_mechanisms("wrist-coupling", PUMA),
+        Inquiry(
+            base,
+            (
+                *build_mechanisms("encoder-eccentricity", PUMA),
+                *build_mechanisms("wrist-coupling", PUMA),
+            ),
+            1,
+            cells=False,
         ),
-        1,
-        cells=False,
     )
     assert [e.candidate.mechanism.name for e in extension.effects] == ["encoder-eccentricity:4"]
     assert extension.effects[0].estimate == pytest.approx([1e-3, 0.0], abs=1e-8)
@@ -230,7 +233,7 @@ def test_sixty_joints_and_two_hundred_mechanisms(rng) -> None:
     assert len(offered) > 200
     fitted = fit(at, base)
     assert fitted.rank > 200
-    _, extension, _ = diagnose_split(study_of(at), base, tuple(offered), 1, cells=False)
+    _, extension, _ = diagnose_split(study_of(at), Inquiry(base, tuple(offered), 1, cells=False))
     assert "encoder-eccentricity:5" in [e.candidate.mechanism.name for e in extension.effects]
 
 

@@ -20,6 +20,7 @@ from modelsel.diagnosis.evidence import draw_null
 from modelsel.diagnosis.outcome import Diagnosis
 from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.diagnosis.residual_tests import adjust_residual, compute_group_p, partition_rows
+from modelsel.diagnosis.separation import Inquiry
 from modelsel.diagnosis.unexplained import estimate_predictability
 from modelsel.diagnosis.views import build_view
 from modelsel.fitting.design import Model, compute_design
@@ -127,7 +128,7 @@ def shared(kind: str, rng: np.random.Generator) -> tuple[Problem, np.ndarray]:
 
 
 def said(at: Problem, seed: int) -> tuple[Split, Diagnosis]:
-    data, extension, _ = diagnose_split(study_of(at), BASE, every(ARM), seed, cells=True)
+    data, extension, _ = diagnose_split(study_of(at), Inquiry(BASE, every(ARM), seed, cells=True))
     return data, extension
 
 

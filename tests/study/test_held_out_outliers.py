@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -21,6 +22,7 @@ from modelsel.robot.kinematics import forward
 from modelsel.selection.evaluation import Split, evaluate
 from modelsel.study.held_out_outliers import exclude_held_out_outliers
 
+PUMA = Path(__file__).parents[2] / "studies" / "puma760" / "measurements.csv"
 ARM = load_robot("irb120")
 BASE = Model((mechanism("geometric", ARM),))
 NOISE, HELD_OUT = 0.05, 25
@@ -125,3 +127,27 @@ def test_the_table_of_subsets_leaves_out_the_same_rows_as_the_ladder() -> None:
     assert {subset.held_out.left_out for subset in record.candidates.best} == {1}
     alone = next(one for one in record.candidates.best if one.mechanisms == ["geometric"])
     assert alone.held_out.rms_mm == pytest.approx(base.held_out.rms_mm, rel=1e-3)
+
+
+@pytest.mark.slow
+@seeds(1)
+@pytest.mark.parametrize("shots", [0, 1])
+def test_among_errors_that_last_a_bad_shot_does_not_make_its_neighbours_bad(
+    rng: np.random.Generator, shots: int
+) -> None:
+    """What the restricted study leaves unnamed lasts along the order of motion."""
+    frame = pd.read_csv(PUMA).head(65)
+    frame["role"] = np.where(np.arange(65) < 50, "estimation", "held-out")
+    rows = rng.choice(np.arange(50, 65), shots, replace=False)
+    frame.loc[rows, "x_mm"] += 60.0
+    study = Study(
+        name="lasting",
+        measurements=frame,
+        split={"column": "role"},
+        robot={"name": "puma760", "tool_mm": [0, 0, 100]},
+        model={"candidates": ["wrist-coupling"]},
+    )
+    result = run_study(study, sampling=False)
+    assert result.diagnosis.search.errors.names
+    assert result.models.chosen.held_out.left_out == shots
+    assert not any(one.code == "hopeless-fit" for one in result.record.warnings)

@@ -52,7 +52,7 @@ def diagnose_rows(at: Problem) -> tuple[Split, Diagnosis]:
     rows = np.ones(len(at), bool)
     split = Split(at, rows, ~rows, np.zeros(len(at), np.intp), known_sigma=False)
     base = Model((mechanism("geometric", at.robot),))
-    split, diagnosis, _ = diagnose_split(split, base, every(at.robot), 1, cells=True)
+    split, diagnosis, _ = diagnose_split(split, Inquiry(base, every(at.robot), 1, cells=True))
     return split, diagnosis
 
 
