@@ -33,7 +33,7 @@ class JointRecord(StrictRecord):
 class RobotRecord(StrictRecord):
     """The nominal robot. `usual`: usual size of the errors of such an arm (mm, rad); `coupling`:
     matrix from motor readings to joint angles; `passive`: motors that do not exist but stand
-    for a linkage."""
+    for a linkage; `payload_at_mm`: where payloads hang in the flange's frame, null for at the target."""
 
     name: Text
     source: Text
@@ -43,6 +43,7 @@ class RobotRecord(StrictRecord):
     last_mm: Transform
     coupling: list[list[Number]] | None = None
     passive: list[Whole] | None = None
+    payload_at_mm: Vector | None = None
 
 
 class UrdfRecord(StrictRecord):

@@ -231,6 +231,7 @@ def build_constant_chain(c: Calibration) -> ConstantChain:
         c.robot.last,
         c.robot.gravity,
         coupling=c.robot.coupling,
+        payload_at_mm=c.robot.payload_at_mm,
     )
     return ConstantChain(robot, targets)
 

@@ -57,6 +57,10 @@ class RobotTable(FrozenTable):
     gravity: Annotated[Vector, AfterValidator(check_direction)] | None = Field(
         default=None, description="Direction of gravity in frame 0, instead of the robot file's."
     )
+    payload_at_mm: Vector | None = Field(
+        default=None,
+        description="Where payloads hang in the flange frame [mm]; without it, at the target.",
+    )
     register_: bool | Literal["per group"] = Field(
         default=False,
         alias="register",

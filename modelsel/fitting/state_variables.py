@@ -156,12 +156,17 @@ class StateVariables:
         return pose(self.robot, readings, tools)
 
     def loaded_pose(self) -> Pose:
-        """Return the nominal pose of all rows with the mean of all targets, where a load hangs."""
-        if len(self.tools) == 1:
+        """Return the nominal pose of all rows with the place where a load hangs as the target."""
+        if len(self.tools) == 1 and self.robot.payload_at_mm is None:
             return self.pose()
-        middle = self.tools.mean(0)
         readings = self.data.q
-        return pose(self.robot, readings, middle)
+        return pose(self.robot, readings, self.load_place())
+
+    def load_place(self) -> Array:
+        """Return where a load hangs in the flange's frame (3,) [mm]: as stated, else at the mean of all
+        targets."""
+        stated = self.robot.payload_at_mm
+        return self.tools.mean(0) if stated is None else np.array(stated)
 
 
 def _needs_chain(name: str) -> bool:

@@ -25,10 +25,10 @@ def by_axis(kind: StateKind, components: Array) -> Values:
 
 
 def load_on_flange(state: StateVariables) -> Values:
-    """Return where a payload hangs on the flange: at the mean of all targets."""
-    middle = state.tools.mean(0)
+    """Return where a payload hangs on the flange."""
+    place = state.load_place()
     count = len(state.data)
-    rows = np.tile(middle, (count, 1))
+    rows = np.tile(place, (count, 1))
     places = rows.T
     return by_axis(StateKind.LOAD_ON_FLANGE, places)
 

@@ -25,6 +25,7 @@ from .compliance import (
     WITH_PAYLOAD,
     later_frames,
     mass_choices,
+    say_place,
 )
 from .terms import Mechanism, Screw, Term
 
@@ -222,7 +223,8 @@ def list_loads(robot: Robot, link: int) -> tuple[int, ...]:
     """List what may be known of the payload and of the stiffness at a link's end, and whether the link
     bends all along."""
     if link == robot.n:
-        return AT_TARGET, ANYWHERE, EACH_AXIS
+        is_stated = robot.payload_at_mm is not None
+        return (AT_TARGET,) if is_stated else (AT_TARGET, ANYWHERE, EACH_AXIS)
     if can_bend(robot, link):
         return AT_TARGET, *_list_beams(robot, link)
     return (AT_TARGET,)
@@ -253,7 +255,7 @@ def payload_bending(robot: Robot, link: int, load: int) -> Mechanism:
         f"{PAYLOAD_BENDING}:{link}",
         tuple(terms),
         _describe(link, "payload", form),
-        _equate(f, "payload at the target", form),
+        _equate(f, f"payload {say_place(robot)}", form),
         SOURCE,
         usual_causes=_list_parts(link, form),
     )

@@ -34,7 +34,8 @@ YIELD_BY_LOAD = (1e-4, 1.0)
 # them, so that each is a term; those that are declared, and the payload besides
 DECLARED, UNKNOWN, WITH_PAYLOAD = 0, 1, 2
 PAYLOAD_DEFLECTION = "payload-deflection"
-# what is known of where a payload hangs: at the target (at the mean of several), or nothing
+# what is known of where a payload hangs: at the target (at the mean of several) or where the robot says, or
+# nothing
 AT_TARGET, ANYWHERE = 0, 1
 # share of a unit vector below which it has no part along an axis
 NO_PART = 1e-9
@@ -77,7 +78,7 @@ def joint_compliance(robot: Robot, joint: int, masses: int) -> Mechanism:
         if masses == WITH_PAYLOAD:
             cause = whole_torque(robot, joint)
             of_what = f"{OF_BOTH}{AS_DECLARED}"
-            load = f"({load} + payload_kg · torque of 1 kg at the target)"
+            load = f"({load} + payload_kg · torque of 1 kg {say_place(robot)})"
         terms = (Term(f"c{joint}", drive_screws(robot, joint, cause), COMPLIANCE, 1),)
     return Mechanism(
         f"joint-compliance:{joint}",
@@ -89,8 +90,13 @@ def joint_compliance(robot: Robot, joint: int, masses: int) -> Mechanism:
     )
 
 
+def say_place(robot: Robot) -> str:
+    """Say where a payload hangs: at the target, unless the robot says where."""
+    return "at the target" if robot.payload_at_mm is None else "where the payload hangs"
+
+
 def payload_torque(robot: Robot, joint: int) -> Cause:
-    """Build the torque [N m] that a drive holds of the payload, which hangs at the target."""
+    """Build the torque [N m] that a drive holds of the payload."""
     payload = Named(PAYLOAD, "kg")
     target = robot.n + 1
     of_one_kg = motor_torque(robot, joint, target)
@@ -148,13 +154,13 @@ def lateral_compliance(robot: Robot, joint: int) -> Mechanism:
 
 
 def list_hangs(robot: Robot, joint: int) -> tuple[int, ...]:
-    """List what may be known of where a payload hangs that winds up a drive. Anywhere, it has two numbers for
-    a drive that turns the flange alone, about one of its axes: the torque then follows from the direction
-    of gravity in the flange."""
+    """List what may be known of where a payload hangs that winds up a drive. Anywhere, unless the robot says
+    where, it has two numbers for a drive that turns the flange alone, about one of its axes: the torque
+    then follows from the direction of gravity in the flange."""
     known = (AT_TARGET,)
     if joint < robot.n or robot.prismatic[-1]:
         return known
-    if is_coupled(robot, joint):
+    if is_coupled(robot, joint) or robot.payload_at_mm is not None:
         return known
     across = _list_across(robot)
     if len(across) != 2:
@@ -177,7 +183,7 @@ def payload_deflection(robot: Robot, joint: int, hang: int = AT_TARGET) -> Mecha
     """The drive winds up under the payload, at the target or anywhere (`hang`: one of `list_hangs`); its mass is
     the column payload_kg."""
     if hang == AT_TARGET:
-        of_what = "1 kg at the target"
+        of_what = f"1 kg {say_place(robot)}"
         cause = payload_torque(robot, joint)
         terms = [_wind_up(robot, joint, "", cause, COMPLIANCE, 1)]
     else:

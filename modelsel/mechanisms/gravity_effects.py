@@ -199,7 +199,7 @@ def list_tilts(robot: Robot) -> tuple[int, ...]:
 
 def list_base_loads(robot: Robot) -> dict[Cause, Cause]:
     """List the moments [N m] of the arm's weight about the level axes of frame 0, each with that of the
-    payload, which hangs at the target."""
+    payload."""
     loads: dict[Cause, Cause] = {}
     for axis in list_level_axes(robot):
         own = base_moment(axis)

@@ -115,7 +115,8 @@ def payload_place_notes(diagnosis: Diagnosis) -> tuple[Note, ...]:
     sentence = (
         f"{anywhere} is fitted for a payload that may hang anywhere on the flange, {at_target} for one that hangs at "
         "the target: both cannot hold, so that none of them is claimed as a cause. Another part of the arm may yield "
-        "under a payload that hangs elsewhere. Measure again with the payload's centre of mass at the target."
+        "under a payload that hangs elsewhere. Say where it hangs (payload_at_mm in [robot]), or measure again with "
+        "its centre of mass at the target."
     )
     return (Note("payload-places", sentence),)
 

@@ -174,6 +174,8 @@ def dh_table(robot: Robot, form: DhForm) -> dict[str, Any]:
     table: dict[str, Any] = {"name": robot.name, "source": robot.source}
     if robot.gravity is not None:
         table["gravity"] = list(robot.gravity)
+    if robot.payload_at_mm is not None:
+        table["payload_at_mm"] = list(robot.payload_at_mm)
     if robot.usual != Robot.usual:
         length, angle = robot.usual
         table["usual_mm"] = length

@@ -39,10 +39,13 @@ JOINT_KEYS = {
     "com_mm",
     "name",
 }
+# where payloads hang in the flange's frame
+PAYLOAD_AT = "payload_at_mm"
 TOP_KEYS = {
     "name",
     "source",
     "gravity",
+    PAYLOAD_AT,
     "convention",
     "base_mm",
     "joint",
@@ -278,6 +281,7 @@ def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
         gravity=_read_gravity(read, table),
         usual=_read_usual(read, table),
         coupling=_read_coupling(read, table, joints),
+        payload_at_mm=read.vector(PAYLOAD_AT, table[PAYLOAD_AT]) if PAYLOAD_AT in table else None,
     )
     try:
         check_robot_name(robot)

@@ -87,7 +87,8 @@ class Robot:
     """A serial chain; `gravity` is the unit direction in frame 0, None where it is not known;
     `usual` the standard deviation of such an arm's lengths [mm] and angles [rad] about its
     drawing; `urdf` the file that it was read from, None where that is another; `coupling` how its
-    motors move the joints, None where each moves its own."""
+    motors move the joints, None where each moves its own; `payload_at_mm` where payloads hang in the
+    flange's frame, None for at the target."""
 
     name: str
     source: str
@@ -98,6 +99,7 @@ class Robot:
     usual: tuple[float, float] = (1.0, 1e-3)
     urdf: UrdfSource | None = field(default=None, repr=False)
     coupling: Coupling | None = field(default=None, repr=False)
+    payload_at_mm: tuple[float, float, float] | None = None
 
     def __repr__(self) -> str:
         name = self.name

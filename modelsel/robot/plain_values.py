@@ -76,6 +76,8 @@ def robot_record(robot: Robot) -> dict[str, Any]:
         record["coupling"] = robot.coupling.matrix.tolist()
         if robot.coupling.passive:
             record["passive"] = list(robot.coupling.passive)
+    if robot.payload_at_mm is not None:
+        record["payload_at_mm"] = list(robot.payload_at_mm)
     return record
 
 
@@ -121,7 +123,15 @@ def robot_from_record(record: Mapping[str, Any]) -> Robot:
         _gravity_from_record(record["gravity"]),
         _usual_from_record(record.get("usual", Robot.usual)),
         coupling=_coupling_from_record(record.get("coupling"), record.get("passive") or (), joints),
+        payload_at_mm=_place_from_record(record.get("payload_at_mm")),
     )
+
+
+def _place_from_record(place: Sequence[float] | None) -> tuple[float, float, float] | None:
+    if place is None:
+        return None
+    x, y, z = bounded_array(place).tolist()
+    return x, y, z
 
 
 def _coupling_from_record(
@@ -226,6 +236,7 @@ def robot_card(robot: Robot) -> dict[str, Any]:
         "joints": robot.n,
         "links_mm": robot.reach,
         "gravity": robot.gravity,
+        "payload_at_mm": robot.payload_at_mm,
         "chain": [_joint_card(joint) for joint in robot.joints],
         "last_mm": robot.last[:3].tolist(),
         "coupling": None if robot.coupling is None else robot.coupling.matrix.tolist(),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -99,7 +100,12 @@ def read_nominal_robot(study: Study, folder: Path) -> Robot:
         robot = load_robot(table.name)
     if robot is None:
         robot = read_any_robot(folder / str(table.file), table.base, table.tip)
-    return robot if table.gravity is None else point_gravity(robot, table.gravity)
+    if table.gravity is not None:
+        robot = point_gravity(robot, table.gravity)
+    if table.payload_at_mm is None:
+        return robot
+    x, y, z = table.payload_at_mm
+    return replace(robot, payload_at_mm=(x, y, z))
 
 
 def read_known_features(study: Study) -> dict[str, KnownFeature]:

@@ -296,8 +296,9 @@ def test_python_knows_every_derived_cause(rng) -> None:
         assert export(c, "python").error_mm < 1e-9
 
 
-def test_python_hangs_a_payload_where_all_targets_have_it(rng) -> None:
-    robot = load_robot("puma760")
+@pytest.mark.parametrize("stated", [None, (210.0, -90.0, 60.0)], ids=["at the targets", "stated"])
+def test_python_hangs_a_payload_where_all_targets_have_it(rng, stated) -> None:
+    robot = replace(load_robot("puma760"), payload_at_mm=stated)
     q = np.repeat(robot.draw(rng, 40), 3, axis=0)
     payload = np.repeat(rng.choice([0.0, 5.0, 20.0], 40), 3)
     tools = rng.uniform(-150, 150, (3, 3)) + np.array([0.0, 0.0, 100.0])
@@ -314,7 +315,9 @@ def test_python_hangs_a_payload_where_all_targets_have_it(rng) -> None:
     every_row = np.ones(120, bool)
     split = Split(at, every_row, ~every_row, np.zeros(120, np.intp), True)
     c = calibrate("hangs", split, fit(at, model), Floor(0.02, "stated"), None, False, {})
-    assert export(c, "python").error_mm < 1e-9
+    read = parse_calibration(calibration_text(c))
+    assert read.robot.payload_at_mm == stated
+    assert export(read, "python").error_mm < 1e-9
 
 
 def test_python_bends_links_and_tilts_the_base_as_the_program_does(rng) -> None:

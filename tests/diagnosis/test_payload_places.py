@@ -3,6 +3,8 @@ has them hang where they do not."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from builders import bind, seeds
@@ -59,9 +61,15 @@ def wind_up(arm: Robot, joints: list[int], q: Array, payload: Array, hangs: Arra
     return wound
 
 
-def diagnose(joints: list[int], hangs: Array, rng: Rng) -> tuple[Robot, Diagnosis]:
-    """Diagnose a UR arm, two thirds of whose rows are measured with a payload."""
+def diagnose(
+    joints: list[int], hangs: Array, rng: Rng, *, stated: bool = False
+) -> tuple[Robot, Diagnosis]:
+    """Diagnose a UR arm, two thirds of whose rows are measured with a payload, which hangs where it is
+    `stated` or at the target as far as is known."""
     arm = load_robot(str(rng.choice(["ur5e", "ur10e"])))
+    if stated:
+        x, y, z = hangs.tolist()
+        arm = replace(arm, payload_at_mm=(x, y, z))
     q = arm.draw(rng, ROWS)
     payload = rng.choice([0.0, 4.0, 8.0], ROWS)
     reached = place(chain(arm, wind_up(arm, joints, q, payload, hangs))[-1], TOOL)
@@ -79,6 +87,21 @@ def test_the_last_joint_is_told_wherever_the_payload_hangs(rng: Rng) -> None:
     arm, diagnosis = diagnose([6], hangs, rng)
     effect = find_cause(diagnosis, f"payload-deflection:{arm.n}")
     assert len(effect.estimate) == 2
+    assert not payload_place_notes(diagnosis)
+
+
+@pytest.mark.slow
+@seeds(1, 2, 3)
+def test_every_joint_is_told_where_the_payload_hangs_as_stated(rng: Rng) -> None:
+    hangs = np.array([*rng.choice([-1, 1], 2) * rng.uniform(150, 300, 2), 80.0])
+    joints = sorted(rng.choice([4, 5, 6], 2, replace=False).tolist())
+    _, diagnosis = diagnose(joints, hangs, rng, stated=True)
+    found = {effect.label: effect for effect in diagnosis.effects}
+    assert sorted(found) == [f"payload-deflection:{joint}" for joint in joints]
+    for effect in found.values():
+        assert effect.claim is not None
+        assert effect.claim.levels[LEVELS.index("cause")] >= PROVEN
+        assert len(effect.estimate) == 1
     assert not payload_place_notes(diagnosis)
 
 

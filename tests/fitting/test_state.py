@@ -21,7 +21,7 @@ from modelsel.measurements.state_names import (
 )
 from modelsel.mechanisms.causes import Named, q, torque
 from modelsel.robot.files import load_robot
-from modelsel.robot.kinematics import pose
+from modelsel.robot.kinematics import forward, pose
 
 NAMES = (
     "q2",
@@ -175,3 +175,25 @@ def test_what_an_arm_carries_does_not_depend_on_the_target_that_is_seen(name, rn
         # rows of one target have what they had among the others
         some = at.take(target == "b")
         np.testing.assert_allclose(some.value(state), alone.value(state), atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["puma760", "ur5e"])
+def test_a_payload_hangs_where_the_robot_says(name, rng) -> None:
+    """Its torque is that of 1 kg there, whatever the targets are, and is in proportion to the lever."""
+    place = rng.uniform(-300, 300, 3)
+    robot = replace(load_robot(name), payload_at_mm=tuple(place.tolist()))
+    q = robot.draw(rng, 20)
+    tools = rng.uniform(-150, 150, (1, 3))
+    at = Problem(robot, build_measurements(q, np.zeros((20, 3))), tools)
+    where = forward(robot, q, place)
+    found = np.array([at.value(f"load_{axis}_mm") for axis in "xyz"]).T
+    np.testing.assert_allclose(found, where, atol=1e-9)
+    # by moving each joint a little: a weight's torque is minus the slope of its potential energy
+    step = 1e-6
+    for joint in range(1, robot.n + 1):
+        moved = q.copy()
+        moved[:, joint - 1] += step
+        rise = forward(robot, moved, place)[:, 2] - where[:, 2]
+        np.testing.assert_allclose(
+            at.value(f"torque{joint}_{robot.n + 1}"), -9.81 * rise / 1e3 / step, atol=1e-4
+        )

@@ -354,6 +354,7 @@ WRONG = {
     "convention": "modifed",
     "gravty": [0, 0, -1],
     "gravity": [0, 0, 0],
+    "payload_at_mm": [0, 100],
     "joint": [
         {"transform_mm": [[1, 0, 0, 0], [0, 1, 0, 0]]},
         {"transform_mm": [[2, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]},
@@ -381,6 +382,7 @@ PLACES = [
     "joint 6: give exactly one of",
     "last: expected a table",
     "gravity: the direction has no length",
+    "payload_at_mm: expected 3 finite numbers",
 ]
 
 

@@ -125,11 +125,19 @@ def module_data(c: Calibration) -> dict[str, Any]:
         "masses": [float(joint.mass or 0.0) for joint in joints],
         "coms": [list(joint.com) for joint in joints],
         "tools": tools,
+        "load_place": place_load(c),
         "placement": np.column_stack([R, t]).tolist(),
         "tracker": list(c.tracker),
         "constants": constants,
         "terms": terms,
     }
+
+
+def place_load(c: Calibration) -> list[float]:
+    """Return where a payload hangs in the flange's frame [mm]: as stated, else at the mean of the targets."""
+    stated = c.robot.payload_at_mm
+    place = c.tools.mean(0) if stated is None else np.array(stated)
+    return [float(value) for value in place]
 
 
 def list_inputs(c: Calibration) -> list[str]:

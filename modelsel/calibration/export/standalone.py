@@ -156,11 +156,11 @@ def derive_state(data: Data, q: Array, tool: Array) -> dict[str, Array]:
     if data["gravity"] is None:
         return out
     g = np.array(data["gravity"])
-    # what hangs at the targets hangs at their mean, whichever is measured
-    middle = np.mean(list(data["tools"].values()), axis=0)
-    loaded = x + R[n] @ (middle - tool)
+    # the same place, whichever target is measured
+    place = np.array(data["load_place"])
+    loaded = x + R[n] @ (place - tool)
     out |= name_axes("load_{}_mm", loaded)
-    out |= name_axes("load_on_flange_{}_mm", np.broadcast_to(middle, (m, 3)))
+    out |= name_axes("load_on_flange_{}_mm", np.broadcast_to(place, (m, 3)))
     bodies = place_bodies(data, q, o, R, loaded)
     down = R[n].transpose(0, 2, 1) @ g
     out |= name_axes("down_{}", down)
