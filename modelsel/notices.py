@@ -105,6 +105,7 @@ CODES = {
     "map-of-neighbours": "the whole error map is too large; unregistered causes were looked for in part of it",
     "instrument-place": "a finding depends on the distance from an instrument that may stand elsewhere",
     "payload-places": "findings have the payload hang at the target and elsewhere; none of them is claimed as a cause",
+    "payload-elsewhere": "a joint that yields under a payload elsewhere than at the target would explain clearly more",
     "confounded": "a finding depends on a column that went with the sessions or with time",
     "uneven-noise": "an effect is not named because uneven or shared noise would explain it too",
     "lack-of-fit": "the chosen model leaves clearly more, or less, than the noise floor",

@@ -61,6 +61,7 @@ from .inputs import list_candidates
 from .model_ladder import choose_constants, evaluate_effects, evaluate_ladder, remeasure
 from .noise_parts import note_untold_parts
 from .open_rows import exclude_open_rows
+from .payload_elsewhere import payload_elsewhere_notes
 from .payload_springs import add_payload_springs
 from .preparation import prepare, read_instrument
 from .rehearsed_folds import rehearse_folds
@@ -189,6 +190,7 @@ def _analyse_prepared(
         *harmful_base_notes(study.model.base, nominal_errors.gain_of(step_errors[0]), gain),
         *side_notes,
         *collect_held_out_notes(split, chosen, findings),
+        *payload_elsewhere_notes(split.training, steps[-1].fit),
         *collect_fit_notes(split, ladder, floor, floor_doubted=bool(noise_notes)),
     ]
     limit_mm = detection_limit.mm if _adds_named(chosen, steps) else None
