@@ -35,7 +35,7 @@ class Note:
 
 STEP_SIDE_OPEN = "step-side-open"
 SETUP_MISTAKE, OTHER_ROBOT = "setup-mistake", "other-robot"
-ROWS_MISTAKEN, HOPELESS_FIT = "rows-mistaken", "hopeless-fit"
+ROWS_MISTAKEN, ROWS_LATE, HOPELESS_FIT = "rows-mistaken", "rows-late", "hopeless-fit"
 
 # Every code of a warning in result.json, and when it is given.
 CODES = {
@@ -84,6 +84,7 @@ CODES = {
     OTHER_ROBOT: "another built-in robot explains the positions better",
     "rows-shifted": "positions belong to the readings of neighbouring rows",
     ROWS_MISTAKEN: "a simple mistake in the data explains the rows from some row on",
+    ROWS_LATE: "along lines without a clock, positions seem to belong to other moments than readings; no cause is looked for",
     "noise-stated-twice": "the noise is stated by the file, by a floor or by an instrument's figures: the first of these is used",
     "stated-uncertainty": "the model leaves another noise than the stated uncertainties",
     "floor-unlike": "the model leaves much more noise than repeats or target pairs show",
@@ -126,6 +127,7 @@ ALARMS = {
     OTHER_ROBOT: "Check the robot",
     "rows-shifted": "Check the rows",
     ROWS_MISTAKEN: "Check the rows",
+    ROWS_LATE: "Check the rows",
     "stated-uncertainty": "Check the uncertainties",
     "floor-unlike": "Check the noise floor",
     "beyond-tolerance": "Check the robot",

@@ -4,8 +4,8 @@ The null distribution of `evidence.draw_null` is exact for independent normal no
 only. Heavy tails, noise that grows with the reach or is larger in one direction (a camera's depth),
 errors that targets or the repeats of a posture share, and errors that last from one configuration
 to the next all resemble an effect, and no single test of the residual detects all of them. So the
-residual's own rows are always tested too: signs are drawn for whole postures (for whole groups
-where their rows go together), so that whatever the rows of a posture share is kept, and only what
+residual's own rows are always tested too: signs are drawn for whole postures (for whole groups, or
+lines along which the arm was measured, where their rows go together), so that whatever the rows of a posture share is kept, and only what
 is systematic across postures is lost (Freedman & Lane 1983; Winkler et al. 2014; Cameron, Gelbach &
 Miller 2008)."""
 
@@ -17,6 +17,7 @@ import numpy as np
 
 from .._typing import Array, Index
 from ..measurements.measurements import Measurements
+from ..measurements.stretches import number_stretches
 from .evidence import Chance
 from .row_blocks import split_range
 from .scan import Scan
@@ -28,9 +29,9 @@ PIECE = 4096
 # log evidence beyond every draw so far from which the answer is clear: as the odds of larger evidence
 # fall about as it grows, three beyond the largest of 37 has a p-value of about 0.001
 CLEAR_MARGIN = 3.0
-# groups from which signs of whole groups can be drawn
+# groups or lines from which signs of whole ones can be drawn
 MIN_GROUPS = 8
-# p-value up to which the rows of one group are taken to go together, and permutations that tell it
+# p-value up to which the rows of one group or line are taken to go together, and permutations that tell it
 GROUP_LEVEL = 0.01
 PERMUTATIONS = 999
 # 1 - h, h a direction's leverage, below which one unit alone decides the direction: its residual is
@@ -44,35 +45,46 @@ def partition_rows(
     """Partition the rows (m,) into units that change sign together, each partition to be beaten.
 
     Units are postures (equal readings, however often and with however many targets they were
-    measured). Where residuals (m, 3) of different configurations of a group go together, and there
-    are enough groups, they are groups; postures within one group each need no partition of their
-    own then."""
+    measured). Where residuals (m, 3) go together in groups or along lines, they are these; postures
+    within one such unit each need no partition of their own then."""
     posture = np.unique(data.block, return_inverse=True)[1].reshape(-1)
-    p = compute_group_p(data, residual, rng)
-    if p > GROUP_LEVEL:
+    together = find_together(data, residual, rng)
+    if together is None:
         return (posture,)
-    group = np.unique(data.group, return_inverse=True)[1].reshape(-1)
-    memberships = np.stack([posture, group])
+    memberships = np.stack([posture, together])
     pairs = np.unique(memberships, axis=1)
     postures = posture.max() + 1
     if len(pairs[0]) > postures:
-        return (group, posture)
-    return (group,)
+        return (together, posture)
+    return (together,)
 
 
-def compute_group_p(data: Measurements, residual: Array, rng: np.random.Generator) -> float:
-    """Compute how often chance makes the residual sums of the groups as large as they are.
+def find_together(data: Measurements, residual: Array, rng: np.random.Generator) -> Index | None:
+    """Find the units (m,) in which residuals (m, 3) of different configurations go together, where there are
+    enough: groups, or lines along which the arm was measured; None where they do in neither."""
+    group = np.unique(data.group, return_inverse=True)[1].reshape(-1)
+    stretch = number_stretches(data)
+    for unit in (group,) if stretch is None else (group, stretch):
+        if compute_together_p(data, unit, residual, rng) <= GROUP_LEVEL:
+            return unit
+    return None
 
-    Configurations are dealt to the groups at random; the p-value is 1 with few groups."""
+
+def compute_together_p(
+    data: Measurements, unit: Index, residual: Array, rng: np.random.Generator
+) -> float:
+    """Compute how often chance makes the residual sums of units (m,) as large as they are.
+
+    Configurations are dealt to the units at random; the p-value is 1 with few units."""
     _, first, configuration = np.unique(data.configuration, return_index=True, return_inverse=True)
     count = len(first)
     sums = np.stack([np.bincount(configuration, residual[:, a], count) for a in range(3)], 1)
-    names, group = np.unique(data.group[first], return_inverse=True)
-    groups = len(names)
-    if groups < MIN_GROUPS or count < 2 * groups:
+    numbers, own = np.unique(unit[first], return_inverse=True)
+    units = len(numbers)
+    if units < MIN_GROUPS or count < 2 * units:
         return 1.0
-    member = np.zeros((groups, count))
-    member[group, np.arange(count)] = 1.0
+    member = np.zeros((units, count))
+    member[own, np.arange(count)] = 1.0
     # a stream of its own, so that `rng` goes on as if nothing had been drawn
     stream = rng.spawn(1)[0]
     dealt = np.stack([sums, *(sums[stream.permutation(count)] for _ in range(PERMUTATIONS))])

@@ -21,7 +21,7 @@ from ..selection.evaluation import Evaluation, Split
 from .candidates import Candidate
 from .evidence import RATIOS
 from .outcome import Diagnosis
-from .residual_tests import GROUP_LEVEL, compute_group_p
+from .residual_tests import find_together
 from .sentences import format_angle, format_length
 from .simulation_counts import REST_FLIPS
 from .state import LEVEL
@@ -58,7 +58,7 @@ class Predictable:
     """How predictable a residual is, leaving one configuration out.
 
     `share`: the share of its sum of squares that prediction explains; `p`: how often sign flips of
-    whole configurations (of whole groups, where errors last within them) do as well."""
+    whole configurations (of whole groups or lines, where errors last within them) do as well."""
 
     share: float
     p: float
@@ -81,8 +81,9 @@ def estimate_predictability(
     rows = first[chosen]
     y = mean[chosen] - mean[chosen].mean(0)
     unit = np.arange(len(y))
-    if compute_group_p(data, residual, rng) <= GROUP_LEVEL:
-        unit = np.unique(data.group[rows], return_inverse=True)[1]
+    together = find_together(data, residual, rng)
+    if together is not None:
+        unit = np.unique(together[rows], return_inverse=True)[1]
     flips = rng.choice([-1.0, 1.0], (REST_FLIPS, int(unit.max()) + 1))[:, unit]
     flipped = (flips[:, :, None] * y).transpose(1, 0, 2)
     responses = np.concatenate([y[:, None], flipped], axis=1)

@@ -23,7 +23,7 @@ from ..fitting.noise import Floor
 from ..fitting.problem import Problem
 from ..mechanisms.registry import Registry
 from ..mechanisms.terms import Mechanism
-from ..notices import Note
+from ..notices import ROWS_LATE, Note
 from ..selection.evaluation import Split, evaluate
 from .checks import is_hopeless
 from .first_look import FirstLook
@@ -99,6 +99,9 @@ def find_open_mistake(
     """Find the mistake of the set-up, of the `notes` of the preparation, that the base leaves open: its
     fit is hopeless without its outliers, too. None where there is none, or where the base makes up
     for it."""
+    late = [note for note in notes if note.code == ROWS_LATE]
+    if late:
+        return late[0]
     mistakes = [note for note in notes if note.code in FAR_CODES]
     if not mistakes:
         return None

@@ -58,6 +58,7 @@ from .gravity_direction import doubt_gravity, note_other_gravity
 from .held_out_gains import judge_beside_others, measure_findings, resample_held_out
 from .held_out_outliers import exclude_held_out_outliers
 from .inputs import list_candidates
+from .late_rows import late_row_notes
 from .model_ladder import choose_constants, evaluate_effects, evaluate_ladder, remeasure
 from .noise_parts import note_untold_parts
 from .open_rows import exclude_open_rows
@@ -130,6 +131,7 @@ def _analyse_prepared(
     untested = find_untested(study.model.candidates, split.problem, mechanisms, unseen)
 
     say(OUTLIERS)
+    notes = (*notes, *late_row_notes(split.training, base))
     asked = build_inquiry(study, split, base, mechanisms, say)
     mistake, asked, split, diagnosis, candidates = seek_causes(
         study, registry, split, asked, floor, notes

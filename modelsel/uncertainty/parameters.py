@@ -12,7 +12,7 @@ import numpy as np
 from .._linalg import connected_components
 from .._short_numbers import round_numbers
 from .._typing import Array, Mask
-from ..diagnosis.residual_tests import GROUP_LEVEL, compute_group_p
+from ..diagnosis.residual_tests import find_together
 from ..exceptions import number_repeated, write_numbered
 from ..fitting.design import Model, blocks
 from ..fitting.least_squares import Fit
@@ -116,15 +116,12 @@ def bootstrap_parameters(split: Split, fitted: Fit, rng: np.random.Generator) ->
     data = training.data
     residual = fitted.residuals(training)
     positions = residual[:, :3]
-    p = compute_group_p(data, positions, rng)
-    grouped = p <= GROUP_LEVEL
-    unit = data.block
-    if grouped:
-        unit = data.group
+    together = find_together(data, positions, rng)
+    unit = data.block if together is None else together
     at = fitted.at()
     parts = fold_by_unit(training, fitted.terms, unit, at)
     boot = run_bootstrap(parts, fitted, rng)
-    return replace(boot, grouped=grouped)
+    return replace(boot, grouped=together is not None)
 
 
 def _differ(errors: Sequence[float], configurations: float) -> bool:

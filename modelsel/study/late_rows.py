@@ -1,0 +1,71 @@
+"""Whether positions and readings belong to different moments, of an arm that was measured along lines without
+a clock: its speed is known in steps from row to row."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..exceptions import NotEstimable, write_rounded
+from ..fitting.design import Model
+from ..fitting.least_squares import Fit, fit
+from ..fitting.problem import Problem
+from ..measurements.stretches import measure_row_steps, number_stretches
+from ..mechanisms.causes import Named
+from ..mechanisms.drives import all_joints
+from ..mechanisms.motors import drive_screws
+from ..mechanisms.terms import Mechanism, Term
+from ..notices import ROWS_LATE, Note
+from ..robot.kinematics import Robot
+
+# how far a motor goes from row to row, and the usual delays in such steps
+STEP, DELAYS = "row_step_{}", (1e-4, 2.0)
+# share of the base's squares that a delay has to take, and times its standard error
+LEAST_SHARE, CLEAR = 0.5, 6.0
+
+
+def late_row_notes(problem: Problem, base: Model) -> tuple[Note, ...]:
+    """Return the warning that positions and readings of a problem belong to different moments, where one delay
+    explains half of what the base leaves. Where there is a clock, the search finds that itself."""
+    data = problem.data
+    if data.rate is not None or number_stretches(data) is None:
+        return ()
+    steps = measure_row_steps(data)
+    columns = {STEP.format(j): column for j, column in enumerate(steps.T, 1)}
+    timed = replace(problem, data=replace(data, covariates={**data.covariates, **columns}))
+    late = _build_delay(problem.robot)
+    try:
+        before = fit(problem, base)
+        after = fit(timed, Model((*base.mechanisms, late)), start=np.append(before.theta, 0.0))
+    except NotEstimable:
+        return ()
+    (term,) = after.locate(late)
+    delay = float(after.theta[term])
+    is_clear = abs(delay) > CLEAR * after.standard_errors[term]
+    if not is_clear or after.rss > LEAST_SHARE * before.rss:
+        return ()
+    left, own = _measure_left(problem, before), _measure_left(timed, after)
+    side = "later" if delay > 0 else "earlier"
+    sentence = (
+        f"The rows follow one another along lines, and positions {write_rounded(abs(delay))} of a step from row to row {side} "
+        f"than the joint readings beside them would leave {write_rounded(own)} mm rms where the base leaves "
+        f"{write_rounded(left)} mm: readings and positions seem to belong to different moments. Add the time of every row (time_s), or measure where the arm stands still."
+    )
+    return (Note(ROWS_LATE, sentence),)
+
+
+def _build_delay(robot: Robot) -> Mechanism:
+    """Build one delay of all joints, in steps from row to row."""
+    screws = [
+        screw
+        for joint in all_joints(robot)
+        for screw in drive_screws(robot, joint, Named(STEP.format(joint)))
+    ]
+    return Mechanism(ROWS_LATE, (Term("delay", tuple(screws), DELAYS),), "", "", "")
+
+
+def _measure_left(problem: Problem, fitted: Fit) -> float:
+    """Measure the rms length [mm] of what a fit leaves of the positions."""
+    left = fitted.residuals(problem)[:, :3]
+    return float(np.sqrt(np.square(left).sum(1).mean()))
