@@ -20,7 +20,8 @@ from hidden_oracle import critical_p, held_by
 from searches import search_separated
 
 from modelsel import Model, mechanism
-from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.candidate import Candidate
+from modelsel.diagnosis.candidates import build_candidates
 from modelsel.diagnosis.options import DiagnosisOptions
 from modelsel.diagnosis.prior_weights import weigh_outcomes
 from modelsel.fitting.least_squares import fit

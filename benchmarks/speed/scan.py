@@ -12,9 +12,9 @@ from itertools import islice
 
 import numpy as np
 
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_columns import build_columns
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate
 from modelsel.diagnosis.evidence import compute_factors, compute_p_value, draw_null, sum_evidence
 from modelsel.diagnosis.scan import Scan, build_scan, compute_basis
 from modelsel.diagnosis.unregistered import list_places

@@ -17,8 +17,8 @@ from ..fitting.linearisation import Linearisation
 from ..fitting.problem import Problem
 from ..measurements.state_names import is_where_target_is
 from ..mechanisms.terms import Screw, Term, TermKey
+from .candidate import Candidate
 from .candidate_columns import stack_design
-from .candidates import Candidate
 from .credible_sets import ALIKE
 from .row_blocks import split_range
 

@@ -21,7 +21,7 @@ from ..fitting.linearisation import Linearisation
 from ..fitting.problem import Problem
 from ..fitting.splines import spline, spline_groups
 from ..mechanisms.terms import Mechanism, Term, TermKey
-from .candidates import Candidate
+from .candidate import Candidate
 from .kept_causes import KeptCauses
 from .options import DEFAULT_OPTIONS
 from .row_blocks import split_range

@@ -11,7 +11,8 @@ from .._typing import Index
 from ..fitting.problem import Problem
 from ..mechanisms.terms import Mechanism
 from .acting_screws import keep_acting_screws
-from .candidates import Candidate, find_cell_prior
+from .candidate import Candidate
+from .candidates import find_cell_prior
 from .close_steps import CloseSteps, find_close_steps
 from .mechanism_families import Family, find_families
 from .nested_names import NestedNames

@@ -14,7 +14,7 @@ from ..mechanisms.causes import Cause, Combined, cos, q, shifted, sin
 from ..mechanisms.terms import Mechanism
 from ..mechanisms.waves import find_common_wave
 from ..robot.gravity import find_gravity_joints
-from .simple_shapes import find_own_wave
+from .shape_constants import find_own_wave
 from .torque_powers import scale_torque
 from .unregistered import build_cell
 

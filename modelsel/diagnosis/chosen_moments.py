@@ -19,9 +19,9 @@ from ..mechanisms.registry import Registry, build_mechanisms, join_mechanisms
 from ..mechanisms.step_moments import list_step_moments
 from ..mechanisms.terms import Mechanism
 from ..robot.kinematics import Robot
+from .candidate import Candidate
 from .candidate_columns import build_columns
 from .candidate_kinds import CandidateKind
-from .candidates import Candidate
 from .evidence import compute_single_f
 from .kept_causes import KeptCauses
 from .options import DEFAULT_OPTIONS

@@ -19,8 +19,8 @@ from .._typing import Array
 from ..fitting.problem import Problem
 from ..mechanisms.motors import is_joint_motion
 from ..mechanisms.terms import Mechanism
+from .candidate import Candidate
 from .candidate_kinds import CandidateKind
-from .candidates import Candidate
 from .common_steps import generate_common_steps
 from .company import Company, list_company
 from .contenders import Contenders, gather_contenders

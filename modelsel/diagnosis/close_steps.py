@@ -11,7 +11,7 @@ import numpy as np
 from .._typing import Array, Index
 from ..fitting.problem import Problem
 from ..mechanisms.step_moments import list_step_moments
-from .candidates import Candidate
+from .candidate import Candidate
 from .scanned_constants import COORDINATES_OF_STEP
 from .session_steps import SET_UP_STEPS
 

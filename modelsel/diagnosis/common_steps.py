@@ -14,8 +14,8 @@ import numpy as np
 
 from ..mechanisms.environment import STEPS
 from ..mechanisms.step_moments import list_step_moments
+from .candidate import Candidate
 from .candidate_kinds import CandidateKind
-from .candidates import Candidate
 from .company import Company, build_listed
 from .nested_steps import Targets, is_target_step, list_moved_targets
 from .session_steps import build_common_steps, have_own_name, list_measured_targets, round_between

@@ -10,8 +10,8 @@ from itertools import combinations
 from ..fitting.problem import Problem
 from ..mechanisms.motors import is_joint_motion
 from ..mechanisms.terms import Mechanism
+from .candidate import Candidate
 from .candidate_kinds import CandidateKind
-from .candidates import Candidate
 from .changing_ripples import list_loaded_ripples, list_turning_ripples
 from .changing_shapes import generate_changing
 from .distinct_places import Place

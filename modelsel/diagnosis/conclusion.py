@@ -19,10 +19,11 @@ from ..mechanisms.terms import Mechanism
 from .after_selection import AfterSelection, allow_for_search, find_limit
 from .cancelled_effects import find_cancelling
 from .claims import Weighed, build_claim, weigh_claims
-from .effects import DROPPED, Effect
+from .effects import Effect
 from .evidence import MIN_LOG_ODDS, compute_p_value, compute_single_f
 from .model_search import visit_models, weigh_models
 from .outcome import Diagnosis
+from .path_words import DROPPED
 from .payload_places import share_by_places
 from .renaming import holds_name, settle_names
 from .reshaping import take_shapes

@@ -14,8 +14,8 @@ import numpy as np
 
 from .._typing import Array
 from ..mechanisms.terms import Mechanism
+from .candidate import Candidate
 from .candidate_columns import Columns, build_columns
-from .candidates import Candidate
 from .joint_curves import build_curve, see_rest
 from .scan import Response, Scan, build_scan
 from .screw_columns import CAUSES_SHARE

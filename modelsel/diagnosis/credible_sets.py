@@ -15,7 +15,7 @@ import numpy as np
 
 from .._linalg import TINY
 from .._typing import Array, Index
-from .candidates import Candidate
+from .candidate import Candidate
 from .evidence import compute_factors, sum_evidence
 from .scan import Displacement, Response, Scan
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from .._typing import Array, Index, Mask
 from ..fitting.least_squares import Fit
 from ..fitting.problem import Problem
 from ..mechanisms.terms import Mechanism
+from .fault_kinds import FaultKind, find_fault_kind
 from .outliers import MATCH_THRESHOLD, estimate_scale
 from .simulation_counts import FAULT_DRAWS
 
@@ -31,21 +31,6 @@ MIN_SHIFTED = 3
 MAX_OUTLIERS = 1000
 
 
-class FaultKind(Enum):
-    """What kind of fault it is; the value is its name after `fault:`."""
-
-    SWAPPED_REFLECTORS = "swapped-reflectors"
-    ROW_ORDER = "row-order"
-    TRACKER_BUMPED = "tracker-bumped"
-    READ_TOO_EARLY = "read-too-early"
-    TIME_OFFSET = "time-offset"
-
-    @property
-    def label(self) -> str:
-        """The name in findings: "fault:row-order"."""
-        return f"fault:{self.value}"
-
-
 # what a fault of exchanged rows says
 EXCHANGES = {
     FaultKind.SWAPPED_REFLECTORS: (
@@ -54,11 +39,6 @@ EXCHANGES = {
     FaultKind.ROW_ORDER: (
         "these rows stand in the wrong order: each position fits another row's joint readings"
     ),
-}
-# faults that are mechanisms, by the mechanism's name
-BY_MECHANISM = {
-    kind.label: kind
-    for kind in (FaultKind.TRACKER_BUMPED, FaultKind.READ_TOO_EARLY, FaultKind.TIME_OFFSET)
 }
 
 
@@ -79,11 +59,6 @@ class Fault:
     def name(self) -> str:
         """The name of its kind."""
         return self.kind.value
-
-
-def find_fault_kind(mechanism: Mechanism) -> FaultKind | None:
-    """Find the kind of fault that a mechanism stands for; None for an error of the arm."""
-    return BY_MECHANISM.get(mechanism.name)
 
 
 def find_concerned_rows(mechanism: Mechanism, problem: Problem) -> Index:

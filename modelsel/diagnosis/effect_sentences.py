@@ -21,8 +21,8 @@ from .sentences import (
     sum_of_name,
     weigh_listed,
 )
+from .shape_constants import find_own_wave
 from .sign_constraints import find_contrary_terms
-from .simple_shapes import find_own_wave
 from .springs_apart import SpringsApart
 from .stated_probability import describe_level_probability, format_probability
 

@@ -8,13 +8,10 @@ from dataclasses import dataclass, field, replace
 from .._typing import Array
 from ..exceptions import write_numbered
 from .after_selection import AfterSelection
-from .candidates import Candidate
+from .candidate import Candidate
 from .credible_sets import CredibleSet
 from .signatures import LEVELS, PROVEN
 from .springs_apart import SpringsApart
-
-# what a step of a search that drops an effect begins with
-DROPPED = "- "
 
 
 @dataclass(frozen=True)

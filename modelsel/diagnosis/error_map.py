@@ -11,8 +11,8 @@ from .._typing import Array
 from ..mechanisms.causes import Bump, Cause
 from ..mechanisms.terms import Mechanism
 from ..robot.rigid import AXES
+from .candidate import Candidate
 from .candidate_kinds import MAP_KINDS
-from .candidates import Candidate
 from .distinct_places import Place
 from .driver_functions import IN_TIME
 from .outcome import Diagnosis

@@ -13,12 +13,11 @@ import numpy as np
 from ..fitting.problem import Problem
 from ..mechanisms.drives import WAVES
 from ..mechanisms.terms import Mechanism
-from .simple_shapes import find_own_wave
+from .shape_constants import find_own_wave
 from .slide_waves import PITCHES, build_pitch_wave
-from .unregistered import BETWEEN, build_wave
+from .unregistered import QUARTER, build_wave
 
-# how far apart the offered waves stand: in a turn of a joint, over the travel of a slide
-QUARTER = BETWEEN[1] - BETWEEN[0]
+# how far apart the offered waves of a slide stand, over its travel
 EIGHTH = PITCHES[1] - PITCHES[0]
 # rad by which neighbouring waves come apart over the measured range
 APART = 0.125

@@ -20,10 +20,11 @@ from ..mechanisms.drives import HIGH_WAVES, WAVES, gear_ripple
 from ..mechanisms.motors import is_coupled
 from ..mechanisms.terms import Mechanism
 from ..mechanisms.waves import find_common_wave
+from .candidate import Candidate
 from .candidate_kinds import CandidateKind
-from .candidates import Candidate, find_cell_prior
+from .candidates import find_cell_prior
 from .reshaping import go_on_with
-from .simple_shapes import find_own_wave
+from .shape_constants import find_own_wave
 from .stepwise import Exploration
 from .unregistered import RARE_WEIGHT, build_wave
 from .wave_aliases import list_aliases

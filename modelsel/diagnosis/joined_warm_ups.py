@@ -12,15 +12,16 @@ import numpy as np
 
 from .._typing import Array
 from ..mechanisms.terms import Mechanism
+from .candidate import Candidate
 from .candidate_kinds import CandidateKind
-from .candidates import Candidate
 from .company import Company, build_listed
 from .distinct_places import Place
 from .driver_functions import IN_TIME
+from .shape_constants import find_time_constant
 from .state import Search
 from .unlisted_shapes import UNLISTED_ODDS
 from .views import View
-from .warm_ups import find_time_constant, fit_warm_up
+from .warm_ups import fit_warm_up
 
 
 def generate_joined_warm_ups(

@@ -16,9 +16,9 @@ import numpy as np
 from .._typing import Array, Index, Mask
 from ..fitting.splines import spline
 from .buckets import build_buckets
+from .candidate import Candidate
 from .candidate_columns import Block, Columns, find_signed
 from .candidate_kinds import CandidateKind
-from .candidates import Candidate
 from .evidence import compute_factors
 from .scan import Beyond, Released, Response, Scan
 from .screw_columns import ScrewColumns

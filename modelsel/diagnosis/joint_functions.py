@@ -13,8 +13,9 @@ from itertools import permutations
 from ..fitting.problem import Problem
 from ..mechanisms.motors import joint_axis
 from ..mechanisms.terms import Mechanism
+from .candidate import Candidate
 from .candidate_kinds import CandidateKind
-from .candidates import Candidate, find_cell_prior
+from .candidates import find_cell_prior
 from .company import FURTHER
 from .driver_functions import list_varying
 from .free_functions import build_function, build_surface, has_shape, name_time

@@ -14,8 +14,8 @@ import numpy as np
 
 from .._typing import Index, Mask
 from ..mechanisms.terms import Mechanism, Screw
+from .candidate import Candidate
 from .candidate_kinds import CandidateKind
-from .candidates import Candidate
 from .evidence import MIN_LOG_ODDS
 from .joint_curves import build_curve, see_rest
 from .kin import number_kinds

@@ -17,7 +17,7 @@ from .._typing import Index
 from ..mechanisms.bending import LINK_BENDING, PAYLOAD_BENDING
 from ..mechanisms.compliance import PAYLOAD_DEFLECTION, has_known_masses, needs_both_loads
 from ..mechanisms.terms import Mechanism
-from .candidates import Candidate
+from .candidate import Candidate
 
 # what yields to the arm's own weight, and what the same is called under the payload
 COMPLIANCE = "joint-compliance"

@@ -8,7 +8,7 @@ import numpy as np
 
 from .._typing import Index
 from ..fitting.problem import Problem
-from .candidates import Candidate
+from .candidate import Candidate
 from .nested_loads import find_nested_loads
 from .nested_steps import NestedSteps
 

@@ -15,7 +15,7 @@ from ..fitting.problem import Problem
 from ..mechanisms.campaign_registry import TARGET_STEP
 from ..mechanisms.moved_targets import find_moved_targets
 from ..mechanisms.step_moments import list_step_moments
-from .candidates import Candidate
+from .candidate import Candidate
 from .scanned_constants import COORDINATES_OF_STEP
 
 Targets = frozenset[int]

@@ -11,10 +11,11 @@ from ..fitting.design import Model
 from ..fitting.error_structure import ErrorStructure
 from ..fitting.least_squares import Fit
 from ..mechanisms.terms import Mechanism
-from .candidates import Candidate
+from .candidate import Candidate
 from .credible_sets import CredibleSet
 from .effect_sentences import describe_effect
-from .effects import DROPPED, Effect
+from .effects import Effect
+from .path_words import DROPPED
 from .stated_probability import write_chance
 from .weighed_models import WeighedModel
 

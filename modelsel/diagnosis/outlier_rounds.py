@@ -15,7 +15,8 @@ from ..mechanisms.terms import Mechanism
 from ..selection.evaluation import Split
 from ..selection.structure_criterion import compute_trimmed_criterion
 from .base_fits import BaseFits
-from .candidates import Candidate, build_candidates
+from .candidate import Candidate
+from .candidates import build_candidates
 from .outcome import Diagnosis
 from .outlier_runs import Steps, find_short_runs, propose_steps
 from .outliers import (

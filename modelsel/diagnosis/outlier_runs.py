@@ -20,7 +20,7 @@ from ..mechanisms.moved_targets import find_moved_targets
 from ..mechanisms.step_moments import list_step_moments
 from ..selection.evaluation import Split
 from ..selection.structure_criterion import compute_criterion
-from .candidates import Candidate
+from .candidate import Candidate
 from .state import extend_model
 
 # rows of a run at least: as outliers, two cost less than two steps, each with numbers of its own

@@ -13,8 +13,9 @@ from ..fitting.problem import Problem
 from ..mechanisms.causes import Cause, Named, cos, q, sin
 from ..mechanisms.terms import Mechanism
 from .arm_shapes import list_turning
+from .candidate import Candidate
 from .candidate_kinds import CandidateKind
-from .candidates import Candidate, find_cell_prior
+from .candidates import find_cell_prior
 from .distinct_places import Place
 from .unregistered import RARE_WEIGHT, build_cell
 

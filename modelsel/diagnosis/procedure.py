@@ -35,7 +35,7 @@ from ..mechanisms.terms import Mechanism
 from ..selection.evaluation import Errors, Split, summarise_errors
 from ..selection.splits import assign_folds
 from .base_fits import keep_base
-from .candidates import Candidate
+from .candidate import Candidate
 from .chosen_moments import choose_step_moments, list_scanned_steps
 from .options import DEFAULT_OPTIONS, DiagnosisOptions
 from .outcome import Diagnosis

@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .candidates import Candidate
-from .effects import DROPPED
+from .candidate import Candidate
 from .evidence import MIN_LOG_ODDS, compute_p_value
 from .mechanism_families import generate_better_families
+from .path_words import DROPPED
 from .state import LEVEL, Search
 from .views import View
 

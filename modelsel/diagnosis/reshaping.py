@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 
 from ..fitting.least_squares import Fit
-from .candidates import Candidate
+from .candidate import Candidate
 from .claims import find_moved_joint, list_rivals_beside, weigh_alone
 from .contenders import gather_contenders
 from .evidence import compute_p_value

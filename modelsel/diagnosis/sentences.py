@@ -12,7 +12,7 @@ from ..measurements.state_names import StateKind, describe_state_name, parse_sta
 from ..mechanisms.causes import Applied, Bump, find_bump
 from ..mechanisms.compliance import AS_DECLARED
 from ..mechanisms.terms import Mechanism, Term, describe_frame_motion, letter
-from .candidates import Candidate
+from .candidate import Candidate
 from .cause_words import append_cause, find_constant_of
 from .effects import Effect
 from .fitted_curves import find_waves, measure_heights

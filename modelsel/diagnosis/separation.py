@@ -32,7 +32,7 @@ from ..mechanisms.terms import Mechanism
 from ..selection.evaluation import Split
 from ..selection.structure_criterion import compute_criterion
 from .base_fits import TellBase, keep_base
-from .candidates import Candidate
+from .candidate import Candidate
 from .conclusion import conclude, prove
 from .driver_functions import IN_TIME
 from .effects import Effect

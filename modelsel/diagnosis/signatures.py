@@ -15,14 +15,13 @@ from ..measurements.reference_temperature import TEMPERATURE
 from ..measurements.state_names import StateKind, is_where_target_is, parse_state_name, state_kind
 from ..mechanisms.bending import LINK_BENDING, PAYLOAD_BENDING
 from ..mechanisms.compliance import PAYLOAD, PAYLOAD_DEFLECTION
+from .candidate import Candidate
 from .candidate_kinds import CandidateKind
-from .candidates import Candidate
-from .data_faults import FaultKind
-from .finer_waves import QUARTER
+from .fault_kinds import FaultKind
 from .late_temperatures import is_late
-from .simple_shapes import find_own_wave
+from .shape_constants import find_own_wave, find_time_constant
 from .slide_steps import SET_UP_STEP
-from .warm_ups import find_time_constant
+from .unregistered import QUARTER
 
 # what a candidate says at each level, part by part
 Parts = tuple[frozenset[Hashable], ...]

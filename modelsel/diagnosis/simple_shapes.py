@@ -16,10 +16,10 @@ from ..fitting.problem import Problem
 from ..mechanisms.causes import Applied, Cause, Named, q, shifted
 from ..mechanisms.motors import joint_axis
 from ..mechanisms.terms import Mechanism
-from ..mechanisms.waves import read_wave
 from .arm_shapes import build_pulls, choose_onsets, list_turning
 from .driver_functions import STILL, level_off, scale_driver
 from .joint_bumps import describe_reading
+from .shape_constants import find_own_wave
 from .unregistered import build_cell
 
 # how far two drivers go beyond the linear part of what levels off, and in the middle of which part
@@ -161,20 +161,3 @@ def generate_soft_lags(problem: Problem, found: Mechanism) -> Iterator[Mechanism
             sentence=f"Joint {joint} is off its reading by a part of its last move that levels off over {over}",
         )
         yield replace(lag, usual_causes=BEFORE_SLIDING)
-
-
-def find_own_wave(found: Mechanism) -> tuple[int, float]:
-    """Find the joint of whose own reading a finding is a wave, and how many it has a turn (in 2π mm of
-    a slide): 0 where it is none."""
-    places = list(found.names_by_place())
-    joint, _ = places[0]
-    if len(places) > 1 or found.names() != {f"q{joint}"}:
-        return joint, 0
-    counts = []
-    for term in found.terms:
-        (screw,) = term.screws
-        wave = read_wave(screw.cause)
-        if wave is None or not isinstance(wave.angle, Named):
-            return joint, 0
-        counts.append(wave.count)
-    return joint, min(counts)

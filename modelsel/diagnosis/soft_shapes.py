@@ -20,7 +20,7 @@ from ..robot.gravity import find_gravity_joints
 from .credible_sets import ALIKE
 from .distinct_places import Place
 from .driver_functions import scale_driver
-from .simple_shapes import find_own_wave
+from .shape_constants import find_own_wave
 from .torque_powers import build_powers, scale_torque
 from .unregistered import build_cell
 from .whole_torques import find_load, list_torques

@@ -17,10 +17,10 @@ from ..fitting.iteration import COARSE_MM
 from ..fitting.least_squares import Fit
 from ..fitting.problem import Problem
 from ..fitting.shrinkage import fit_shrunk
+from .candidate import Candidate
 from .candidate_columns import Columns, build_columns, flatten_measured
 from .candidate_kinds import CandidateKind
 from .candidate_traits import Traits
-from .candidates import Candidate
 from .credible_sets import (
     CredibleSet,
     Question,

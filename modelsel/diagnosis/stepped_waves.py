@@ -21,11 +21,11 @@ from ..mechanisms.step_moments import list_step_moments
 from ..mechanisms.terms import Mechanism
 from ..mechanisms.waves import read_wave
 from .arm_shapes import list_turning
-from .candidates import Candidate
+from .candidate import Candidate
 from .distinct_places import Place
 from .driver_functions import IN_TIME
 from .session_steps import round_between, say_row
-from .simple_shapes import find_own_wave
+from .shape_constants import find_own_wave
 from .unregistered import build_cell
 
 # waves a turn that are looked for beside what is no wave

@@ -19,7 +19,7 @@ from ..fitting.problem import Problem
 from ..fitting.shrinkage import fit_shrunk
 from ..mechanisms.environment import STEPS
 from ..mechanisms.step_moments import list_step_moments
-from .candidates import Candidate
+from .candidate import Candidate
 from .credible_sets import CredibleSet
 from .effects import Effect
 from .evidence import compute_single_f

@@ -16,7 +16,7 @@ import numpy as np
 from .._progress import News, keep_silent
 from .._typing import Say
 from ..fitting.least_squares import Fit
-from .candidates import Candidate
+from .candidate import Candidate
 from .credible_sets import CredibleSet, Question, compute_own_evidence
 from .evidence import compute_p_value
 from .renaming import settle_names

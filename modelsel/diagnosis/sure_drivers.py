@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from .._typing import Array
-from .candidates import Candidate
+from .candidate import Candidate
 from .signatures import PROVEN, add_sides, list_drivers_by_place
 from .state import Search
 from .unlisted_shapes import Rival

@@ -14,11 +14,11 @@ from dataclasses import replace
 import numpy as np
 
 from .._typing import Array, Index
+from .candidate import Candidate
 from .candidate_kinds import CandidateKind
-from .candidates import Candidate
 from .late_temperatures import is_late
+from .shape_constants import find_time_constant
 from .signatures import OF_ONE_SHAPE, read_drivers
-from .warm_ups import find_time_constant
 
 # levels that are told first: place and drivers
 FIRST_LEVELS = 2

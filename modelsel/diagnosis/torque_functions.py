@@ -14,7 +14,7 @@ from ..mechanisms.causes import find_bump
 from ..mechanisms.motors import is_joint_motion
 from ..mechanisms.terms import Mechanism, Term
 from ..robot.kinematics import Robot
-from .candidates import Candidate
+from .candidate import Candidate
 from .company import build_listed
 from .effects import Effect
 from .sentences import has_contrary_signs

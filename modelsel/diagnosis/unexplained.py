@@ -18,7 +18,7 @@ from ..fitting.design import measure_rounding, whitened
 from ..fitting.noise import Floor
 from ..measurements.measurements import Measurements
 from ..selection.evaluation import Evaluation, Split
-from .candidates import Candidate
+from .candidate import Candidate
 from .evidence import RATIOS
 from .outcome import Diagnosis
 from .residual_tests import GROUP_LEVEL, compute_group_p

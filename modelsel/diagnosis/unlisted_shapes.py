@@ -17,8 +17,8 @@ from typing import NamedTuple
 from ..fitting.problem import Problem
 from ..measurements.state_names import is_where_target_is
 from ..mechanisms.terms import Mechanism
+from .candidate import Candidate
 from .candidate_kinds import CandidateKind
-from .candidates import Candidate
 from .changing_ripples import generate_loaded_ripples, generate_turning_ripples
 from .changing_shapes import generate_changing
 from .confounded_covariates import generate_confounded

@@ -41,6 +41,8 @@ MIN_RANGE = np.radians(20.0)
 MIN_INTERVALS, MIN_READINGS = 4, 2
 # waves a turn that are no whole numbers: a gear ahead of the joint need not close
 BETWEEN = tuple(k + part for k in range(3, 60) for part in (0.25, 0.5, 0.75))
+# how far apart these stand
+QUARTER = BETWEEN[1] - BETWEEN[0]
 # prior weight of rarer explanations (waves between whole numbers, free functions); a cell has 1
 RARE_WEIGHT = 0.1
 

@@ -20,8 +20,8 @@ from ..fitting.least_squares import Fit
 from ..fitting.prior import prior_root
 from ..fitting.problem import Problem
 from ..mechanisms.terms import Mechanism, TermKey
+from .candidate import Candidate
 from .candidate_columns import Columns, stack_design
-from .candidates import Candidate
 from .row_blocks import split_range
 from .scan import Released, Response, Scan, assemble_scan, compute_basis
 

@@ -14,8 +14,8 @@ from .._typing import Array
 from ..fitting.problem import Problem
 from ..mechanisms.terms import Mechanism
 from .campaign_clocks import WARM_UP_SHARES, Clock, build_warm_ups, choose_clock, choose_rest_clock
-from .cause_words import find_constant_of
 from .distinct_places import Place
+from .shape_constants import find_time_constant
 from .unregistered import build_cell
 
 # time constants in shares of the campaign: so near one another that what lies between two of them leaves
@@ -28,17 +28,6 @@ FINER = 4
 ROUNDS = 3
 # largest factor between two that are looked for
 APART = max(np.divide(WARM_UP_SHARES[1:], WARM_UP_SHARES[:-1]).tolist())
-
-
-def find_time_constant(mechanism: Mechanism) -> float | None:
-    """Find the time constant of a warm-up of one place; None of anything else."""
-    if len(mechanism.terms) != 1 or len(mechanism.terms[0].screws) != 1:
-        return None
-    found = find_constant_of(mechanism.terms[0].screws[0].cause)
-    if found is None:
-        return None
-    _, constant = found
-    return constant
 
 
 def generate_finer_warm_ups(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:

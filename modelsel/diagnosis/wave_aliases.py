@@ -13,9 +13,9 @@ import numpy as np
 from .._typing import Array
 from ..fitting.problem import Problem
 from ..mechanisms.drives import HIGH_WAVES, WAVES
-from .candidates import Candidate
+from .candidate import Candidate
 from .credible_sets import ALIKE
-from .simple_shapes import find_own_wave
+from .shape_constants import find_own_wave
 from .state import Search
 
 # largest number of waves a turn that is looked for, and the one up to which each is as likely as a lower

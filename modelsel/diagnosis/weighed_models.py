@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._typing import Array, Index, Mask
-from .candidates import Candidate
+from .candidate import Candidate
 from .nested_names import NestedNames
 from .signatures import Parts
 

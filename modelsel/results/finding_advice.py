@@ -8,7 +8,7 @@ from math import inf
 from typing import NamedTuple
 
 from ..diagnosis.claim_sentences import name_drivers
-from ..diagnosis.data_faults import FaultKind
+from ..diagnosis.fault_kinds import FaultKind
 from ..diagnosis.signatures import LEVELS
 from ..exceptions import one_line, sentence_list
 from ..measurements.state_names import parse_state_name

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from .._typing import Array
-from ..diagnosis.candidates import Candidate
+from ..diagnosis.candidate import Candidate
 from ..diagnosis.claim_sentences import (
     ClaimedLevel,
     describe_claim,

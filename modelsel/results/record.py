@@ -12,7 +12,7 @@ from .._records import parse_record
 from .._short_numbers import round_numbers
 from ..calibration.calibration import calibrate
 from ..calibration.held_out_uncertainty import measure_held_out_uncertainty
-from ..diagnosis.candidates import Candidate
+from ..diagnosis.candidate import Candidate
 from ..diagnosis.claim_sentences import is_settled, list_likelier, tell_rest
 from ..diagnosis.effects import Effect
 from ..diagnosis.rival_names import NAMED_RIVALS, list_rival_labels, list_twin_labels

@@ -13,7 +13,7 @@ from .._progress import keep_silent
 from .._typing import Say
 from ..config.study_file import Study
 from ..diagnosis.base_fits import keep_base
-from ..diagnosis.candidates import Candidate
+from ..diagnosis.candidate import Candidate
 from ..diagnosis.options import DiagnosisOptions
 from ..diagnosis.outcome import Diagnosis
 from ..diagnosis.prior_weights import weigh_outcomes

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from .._typing import Array
 from ..config.study_file import Study
-from ..diagnosis.candidates import Candidate
+from ..diagnosis.candidate import Candidate
 from ..diagnosis.chosen_moments import choose_step_moments, list_scanned_steps
 from ..diagnosis.outcome import Diagnosis
 from ..diagnosis.state import extend_model

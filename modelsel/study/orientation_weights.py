@@ -12,7 +12,7 @@ import numpy as np
 from .._typing import Array
 from ..config.study_file import Study
 from ..diagnosis.base_fits import keep_base
-from ..diagnosis.candidates import Candidate
+from ..diagnosis.candidate import Candidate
 from ..diagnosis.options import DiagnosisOptions
 from ..diagnosis.outcome import Diagnosis
 from ..diagnosis.procedure import diagnose_split

@@ -21,7 +21,8 @@ from .._random import generator
 from .._typing import Say
 from .._version import VERSION
 from ..config.study_file import Study
-from ..diagnosis.candidates import Candidate, choose_strongest
+from ..diagnosis.candidate import Candidate
+from ..diagnosis.candidates import choose_strongest
 from ..diagnosis.data_faults import Fault, find_misplaced_rows
 from ..diagnosis.error_map import build_error_map
 from ..diagnosis.outcome import Diagnosis

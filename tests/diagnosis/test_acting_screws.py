@@ -10,9 +10,9 @@ from hidden_arm import State, arm, measured
 from hidden_effects import at, together
 
 from modelsel.diagnosis.acting_screws import SMALL, keep_acting_screws
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_columns import stack_design
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate
 from modelsel.diagnosis.claim_sentences import name_places
 from modelsel.diagnosis.procedure import diagnose
 from modelsel.diagnosis.signatures import PROVEN, read_parts, read_signatures

@@ -10,15 +10,11 @@ from builders import drawn, planted, seeds, small_arm
 
 from modelsel import diagnose
 from modelsel.diagnosis.arm_shapes import generate_arm_shapes
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate
 from modelsel.diagnosis.finer_waves import generate_finer_waves
-from modelsel.diagnosis.simple_shapes import (
-    find_own_wave,
-    generate_products,
-    generate_pulls,
-    generate_saws,
-)
+from modelsel.diagnosis.shape_constants import find_own_wave
+from modelsel.diagnosis.simple_shapes import generate_products, generate_pulls, generate_saws
 from modelsel.diagnosis.slide_waves import build_pitch_wave
 from modelsel.diagnosis.unlisted_shapes import UNLISTED_ODDS, list_rivals
 from modelsel.diagnosis.unregistered import Unregistered, build_cell, build_wave

@@ -16,8 +16,9 @@ from scipy.spatial.transform import Rotation
 from searches import find_cause, search_separated
 
 from modelsel._typing import Array
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.candidates import build_candidates
 from modelsel.diagnosis.nested_loads import find_nested_loads
 from modelsel.diagnosis.outcome import Diagnosis
 from modelsel.diagnosis.signatures import number_forms

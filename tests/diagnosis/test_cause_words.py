@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate
 from modelsel.diagnosis.claim_sentences import describe_what
 from modelsel.diagnosis.effect_sentences import list_cautions
 from modelsel.diagnosis.effects import Claim, Effect

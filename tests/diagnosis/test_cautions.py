@@ -12,8 +12,9 @@ from builders import bind, measured, seeds, small_arm, study_of
 from searches import search_independent
 
 from modelsel.config.study_file import read_study
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.candidates import build_candidates
 from modelsel.diagnosis.effect_sentences import list_cautions
 from modelsel.diagnosis.effects import Effect
 from modelsel.diagnosis.procedure import diagnose_split

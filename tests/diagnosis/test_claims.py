@@ -15,8 +15,9 @@ from hidden_arm import Effect as Planted
 from hidden_effects import at, together
 
 from modelsel._typing import Array
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.candidates import build_candidates
 from modelsel.diagnosis.claim_sentences import (
     describe_claim,
     describe_levels,
@@ -35,8 +36,8 @@ from modelsel.diagnosis.mechanism_families import find_families
 from modelsel.diagnosis.outcome import Diagnosis
 from modelsel.diagnosis.procedure import diagnose
 from modelsel.diagnosis.sentences import label_effect
+from modelsel.diagnosis.shape_constants import find_own_wave
 from modelsel.diagnosis.signatures import LEVELS, PROVEN, read_signatures
-from modelsel.diagnosis.simple_shapes import find_own_wave
 from modelsel.diagnosis.unlisted_shapes import (
     CHANGING,
     MORE_DRIVERS,

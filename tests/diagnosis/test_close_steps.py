@@ -6,8 +6,8 @@ import numpy as np
 from builders import drawn
 from searches import ignore
 
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate
 from modelsel.diagnosis.kept_causes import KeptCauses
 from modelsel.diagnosis.options import DEFAULT_OPTIONS
 from modelsel.diagnosis.separation import Inquiry

@@ -10,8 +10,9 @@ from exact import flanges_of
 from searches import search_separated
 
 from modelsel.diagnosis import unlisted_shapes
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.candidates import build_candidates
 from modelsel.diagnosis.confounded_covariates import (
     find_confounded,
     generate_confounded,

@@ -10,7 +10,8 @@ from exact import flanges_of
 
 from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import build_candidates
-from modelsel.diagnosis.data_faults import FaultKind, find_concerned_rows
+from modelsel.diagnosis.data_faults import find_concerned_rows
+from modelsel.diagnosis.fault_kinds import FaultKind
 from modelsel.diagnosis.procedure import diagnose
 from modelsel.exceptions import StudyError
 from modelsel.fitting.design import Model

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from builders import drawn, seeds
 
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_columns import build_columns, stack_design
-from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.candidates import build_candidates
 from modelsel.diagnosis.evidence import (
     RATIOS,
     Chance,

@@ -13,8 +13,9 @@ from exact import flanges_of
 from scipy.spatial.transform import Rotation
 from searches import search_separated
 
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.candidates import build_candidates
 from modelsel.diagnosis.claim_sentences import describe_what
 from modelsel.diagnosis.company import list_company
 from modelsel.diagnosis.field_distortions import generate_distortions

@@ -9,8 +9,9 @@ from builders import bind, drawn, measured, one, seeds, small_arm
 from searches import search_separated
 
 from modelsel._typing import Array
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.candidates import build_candidates
 from modelsel.diagnosis.company import list_company
 from modelsel.diagnosis.joint_drags import (
     MIN_VISITS,

@@ -8,8 +8,9 @@ from builders import OFF_AXIS, bind, drawn, seeds
 from exact import flanges_of
 from searches import search_separated
 
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate, build_candidates, find_cell_prior
+from modelsel.diagnosis.candidates import build_candidates, find_cell_prior
 from modelsel.diagnosis.cause_words import append_cause
 from modelsel.diagnosis.confounded_covariates import find_confounded
 from modelsel.diagnosis.late_temperatures import generate_campaign_cells, is_late

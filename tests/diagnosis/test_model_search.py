@@ -18,8 +18,9 @@ from searches import ignore
 from modelsel import Model, mechanism
 from modelsel._typing import Array
 from modelsel.diagnosis import conclusion, reshaping
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.candidates import build_candidates
 from modelsel.diagnosis.claims import Weighed
 from modelsel.diagnosis.conclusion import Conclusion, conclude, confirm, prove
 from modelsel.diagnosis.evidence import MIN_LOG_ODDS

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate
 from modelsel.diagnosis.nested_loads import find_nested_loads
 from modelsel.mechanisms.compliance import DECLARED, UNKNOWN, WITH_PAYLOAD
 from modelsel.mechanisms.registry import build_mechanisms, mechanism

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from test_target_steps import Rng, bind_targets
 
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate
 from modelsel.diagnosis.nested_steps import NestedSteps
 from modelsel.fitting.problem import Problem
 from modelsel.mechanisms.environment import target_step

@@ -8,8 +8,9 @@ import pytest
 from builders import drawn, measured, seeds
 from searches import search_separated
 
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.candidates import build_candidates
 from modelsel.diagnosis.company import list_company
 from modelsel.diagnosis.pair_waves import COUNTS, generate_pair_waves, list_pair_waves
 from modelsel.diagnosis.unlisted_shapes import list_rivals

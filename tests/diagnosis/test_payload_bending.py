@@ -12,8 +12,9 @@ from exact import flanges_of
 from scipy.spatial.transform import Rotation
 from searches import find_cause, search_separated
 
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.candidates import build_candidates
 from modelsel.diagnosis.free_functions import generate_other_drivers
 from modelsel.diagnosis.outcome import Diagnosis
 from modelsel.diagnosis.signatures import LEVELS, PROVEN, list_drivers_by_place

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from modelsel.diagnosis.candidates import collect_screws
+from modelsel.diagnosis.candidate import collect_screws
 from modelsel.diagnosis.claim_sentences import tell_rest
 from modelsel.diagnosis.rival_names import describe_open_names, list_twin_labels
 from modelsel.mechanisms.environment import tracker_bumped, tracker_step

@@ -7,8 +7,8 @@ import pytest
 from builders import drawn, seeds, small_arm
 
 from modelsel.diagnosis.campaign_clocks import build_warming_causes
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate
 from modelsel.diagnosis.changing_shapes import generate_changing
 from modelsel.diagnosis.company import list_company
 from modelsel.diagnosis.joint_bumps import build_bump, generate_bumps, generate_finer_bumps

@@ -10,9 +10,10 @@ from builders import drawn, seeds
 
 from modelsel import _workers
 from modelsel.diagnosis import candidate_columns, row_blocks, screw_columns
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_columns import build_columns, stack_design
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.candidates import build_candidates
 from modelsel.diagnosis.contenders import Contenders, gather_contenders
 from modelsel.diagnosis.evidence import Chance
 from modelsel.diagnosis.kept_causes import KeptCauses, evaluate_everywhere

@@ -11,8 +11,9 @@ from hidden_arm import State, arm, measured
 from hidden_effects import at, together
 from searches import ignore
 
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.candidates import build_candidates
 from modelsel.diagnosis.credible_sets import CredibleSet, Entry
 from modelsel.diagnosis.effect_sentences import list_cautions
 from modelsel.diagnosis.effects import Claim, Effect

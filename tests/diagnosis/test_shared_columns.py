@@ -12,8 +12,9 @@ from builders import drawn, measured, seeds, small_arm
 from scipy.linalg import orth
 
 from modelsel._typing import Array
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_columns import Columns, build_columns, stack_design
-from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.candidates import build_candidates
 from modelsel.diagnosis.options import DEFAULT_OPTIONS
 from modelsel.diagnosis.scan import build_scan, compute_basis
 from modelsel.fitting.design import Model

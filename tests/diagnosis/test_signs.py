@@ -15,9 +15,10 @@ from builders import bind, drawn, measured, planted, seeds, small_arm, study_of
 from scipy.integrate import quad
 from searches import search_separated
 
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_columns import build_columns, stack_design
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.candidates import build_candidates
 from modelsel.diagnosis.credible_sets import CredibleSet
 from modelsel.diagnosis.effect_sentences import describe_effect
 from modelsel.diagnosis.effects import Effect

@@ -11,8 +11,8 @@ import pytest
 from builders import bind, seeds, small_arm
 from exact import flanges_of
 
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate
 from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.diagnosis.separation import Inquiry
 from modelsel.diagnosis.session_steps import place_steps

@@ -15,8 +15,9 @@ import numpy as np
 import pytest
 from builders import bind, measured, seeds, small_arm, study_of
 
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.candidates import build_candidates
 from modelsel.diagnosis.effects import Effect
 from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.diagnosis.sentences import describe_candidate

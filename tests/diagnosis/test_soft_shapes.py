@@ -13,8 +13,8 @@ from hidden_arm import Arm, Effect, State, arm, measured
 from hidden_effects import at, together
 
 from modelsel._typing import Array
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate
 from modelsel.diagnosis.claims import weigh_together
 from modelsel.diagnosis.company import Company, list_company
 from modelsel.diagnosis.procedure import diagnose

@@ -13,7 +13,7 @@ from hidden_arm import State
 from test_claims import ROBOTS, effect_of, plant, single
 
 from modelsel._typing import Array
-from modelsel.diagnosis.candidates import Candidate
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.claim_sentences import describe_claim, describe_proven
 from modelsel.diagnosis.effects import Claim, Effect
 from modelsel.diagnosis.procedure import diagnose

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from builders import drawn
 
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate
 from modelsel.diagnosis.told_first import find_agreed, find_constant
 from modelsel.diagnosis.torque_powers import build_powers, generate_powers
 from modelsel.diagnosis.unregistered import build_cell

@@ -15,8 +15,8 @@ from hidden_arm import Effect as Planted
 from hidden_effects import at, together
 
 from modelsel._typing import Array
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate
 from modelsel.diagnosis.claim_sentences import describe_proven
 from modelsel.diagnosis.claims import build_claim
 from modelsel.diagnosis.company import FURTHER

@@ -9,8 +9,8 @@ from builders import drawn, seeds
 from hidden_arm import State, arm, turned
 from hidden_arm import measured as measure
 
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate
 from modelsel.diagnosis.company import list_company
 from modelsel.diagnosis.effects import Effect
 from modelsel.diagnosis.procedure import diagnose

@@ -8,8 +8,9 @@ from builders import OFF_AXIS, bind, seeds, small_arm
 from exact import flanges_of
 from searches import search_separated
 
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.candidates import build_candidates
 from modelsel.diagnosis.company import list_company
 from modelsel.diagnosis.outcome import Diagnosis
 from modelsel.diagnosis.signatures import LEVELS

@@ -10,9 +10,10 @@ from builders import drawn, planted
 
 from modelsel._typing import Array
 from modelsel.diagnosis import views
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_columns import stack_design
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.candidates import build_candidates
 from modelsel.diagnosis.state import Search
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit

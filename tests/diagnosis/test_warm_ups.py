@@ -10,19 +10,16 @@ from builders import drawn, measured, seeds
 from searches import search_separated
 
 from modelsel.diagnosis.campaign_clocks import build_warm_ups, build_warming_causes
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.candidates import build_candidates
 from modelsel.diagnosis.cause_words import write_cause
+from modelsel.diagnosis.shape_constants import find_time_constant
 from modelsel.diagnosis.signatures import read_signatures
 from modelsel.diagnosis.told_first import find_constant, sum_constants
 from modelsel.diagnosis.unlisted_shapes import list_rivals
 from modelsel.diagnosis.unregistered import build_cell
-from modelsel.diagnosis.warm_ups import (
-    APART,
-    find_time_constant,
-    fit_warm_up,
-    generate_finer_warm_ups,
-)
+from modelsel.diagnosis.warm_ups import APART, fit_warm_up, generate_finer_warm_ups
 from modelsel.fitting.design import Model
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements

@@ -10,12 +10,12 @@ from hidden_arm import State, arm, measured
 from hidden_effects import at, together
 
 from modelsel._typing import Array
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate
 from modelsel.diagnosis.claim_sentences import describe_proven
 from modelsel.diagnosis.effect_sentences import describe_aliases
 from modelsel.diagnosis.procedure import diagnose
-from modelsel.diagnosis.simple_shapes import find_own_wave
+from modelsel.diagnosis.shape_constants import find_own_wave
 from modelsel.diagnosis.unregistered import build_wave
 from modelsel.diagnosis.wave_aliases import MOST_WAVES, list_aliases
 from modelsel.fitting.problem import Problem

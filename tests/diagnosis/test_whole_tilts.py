@@ -13,8 +13,9 @@ from searches import find_cause, search_separated
 from test_whole_torques import RATED, TOOL
 
 from modelsel._typing import Array
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.candidates import build_candidates
 from modelsel.diagnosis.nested_loads import find_nested_loads
 from modelsel.fitting.design import Model
 from modelsel.fitting.problem import Problem

@@ -13,7 +13,8 @@ from held_loads import place_of, torques_of
 from searches import find_cause, search_separated
 
 from modelsel._typing import Array
-from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.candidate import Candidate
+from modelsel.diagnosis.candidates import build_candidates
 from modelsel.diagnosis.effects import Effect
 from modelsel.diagnosis.outcome import Diagnosis
 from modelsel.diagnosis.signatures import LEVELS, PROVEN

@@ -25,8 +25,9 @@ from hidden_oracle import critical_p, detection, held_by, naming_limit
 from searches import search_separated
 
 from modelsel.diagnosis import state as search
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_columns import build_columns, stack_design
-from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.candidates import build_candidates
 from modelsel.diagnosis.effects import Effect as Found
 from modelsel.diagnosis.outcome import Diagnosis
 from modelsel.diagnosis.scan import Scan, build_scan, compute_basis

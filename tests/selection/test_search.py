@@ -13,9 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import integrate, stats
 
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_columns import build_columns, stack_design
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate
 from modelsel.diagnosis.evidence import compute_single_f
 from modelsel.diagnosis.scan import build_scan, compute_basis
 from modelsel.fitting.design import Model, compute_design

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate
 from modelsel.diagnosis.effects import Effect
 from modelsel.mechanisms.causes import Cause, q, sin, torque
 from modelsel.mechanisms.terms import Mechanism, Screw, Term

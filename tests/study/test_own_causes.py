@@ -14,8 +14,9 @@ from hidden_effects import Values, at
 from modelsel import Study, load_robot, run_study
 from modelsel.config.study_file import parse_study
 from modelsel.config.study_tables import ModelTable
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.candidates import build_candidates
 from modelsel.diagnosis.options import DiagnosisOptions
 from modelsel.diagnosis.prior_weights import weigh_outcomes
 from modelsel.diagnosis.session_steps import place_steps

@@ -10,8 +10,8 @@ from exact import flanges_of
 from held_loads import place_of, torques_of
 
 from modelsel._typing import Array
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate
 from modelsel.diagnosis.credible_sets import CredibleSet, Entry
 from modelsel.diagnosis.effects import Claim, Effect
 from modelsel.diagnosis.springs_apart import SpringsApart

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from modelsel.diagnosis.candidates import Candidate
+from modelsel.diagnosis.candidate import Candidate
 from modelsel.diagnosis.conclusion import conclude, prove
 from modelsel.diagnosis.effects import Effect
 from modelsel.diagnosis.options import DEFAULT_OPTIONS
