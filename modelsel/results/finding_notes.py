@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from .._typing import Array, Mask
-from ..diagnosis.candidates import exceeds_cell_limit
-from ..diagnosis.confounded_covariates import find_confounded
-from ..diagnosis.outcome import Diagnosis
-from ..diagnosis.payload_places import find_places
-from ..diagnosis.sentences import format_length
-from ..diagnosis.signatures import LEVELS, PROVEN
-from ..diagnosis.stated_probability import format_chance
+from ..diagnosis.candidates.candidate_list import exceeds_cell_limit
+from ..diagnosis.candidates.signatures import LEVELS, PROVEN
+from ..diagnosis.findings.outcome import Diagnosis
+from ..diagnosis.findings.payload_places import find_places
+from ..diagnosis.findings.sentences import format_length
+from ..diagnosis.findings.stated_probability import format_chance
+from ..diagnosis.rivals.confounded_covariates import find_confounded
 from ..exceptions import sentence_list
 from ..fitting.problem import Problem
 from ..measurements.late_names import list_sources

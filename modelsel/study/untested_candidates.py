@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from ..diagnosis.scanned_constants import has_both_sides
-from ..diagnosis.usable_names import list_lacking
+from ..diagnosis.candidates.scanned_constants import has_both_sides
+from ..diagnosis.candidates.usable_names import list_lacking
 from ..exceptions import StudyError, sentence_list
 from ..fitting.problem import Problem
 from ..measurements.state_names import describe_state_name

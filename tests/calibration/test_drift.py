@@ -21,7 +21,7 @@ from modelsel.calibration.prediction import compute_pose, predict, propagate_unc
 from modelsel.calibration.validation import judge
 from modelsel.calibration.verdict_sentences import describe_verdict as told
 from modelsel.cli.main import run_command_line
-from modelsel.diagnosis.sentences import format_quantity
+from modelsel.diagnosis.findings.sentences import format_quantity
 from modelsel.exceptions import DataError, StudyError, write_rounded
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit

@@ -9,13 +9,13 @@ import pytest
 from builders import seeds, study_of
 from hidden_arm import Arm, arm
 
-from modelsel.diagnosis.candidates import build_candidates
-from modelsel.diagnosis.claim_sentences import describe_proven
-from modelsel.diagnosis.effects import Effect
+from modelsel.diagnosis.candidates.candidate_list import build_candidates
+from modelsel.diagnosis.candidates.session_steps import place_steps
+from modelsel.diagnosis.findings.claim_sentences import describe_proven
+from modelsel.diagnosis.findings.effects import Effect
+from modelsel.diagnosis.findings.sentences import label_effect
 from modelsel.diagnosis.procedure import diagnose, diagnose_split
-from modelsel.diagnosis.sentences import label_effect
 from modelsel.diagnosis.separation import Inquiry
-from modelsel.diagnosis.session_steps import place_steps
 from modelsel.fitting.design import Model
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements

@@ -21,10 +21,10 @@ from modelsel.calibration.plan_pool import build_pool
 from modelsel.calibration.prediction import predict
 from modelsel.calibration.validation import judge
 from modelsel.config.study_file import Study, parse_study
-from modelsel.diagnosis.candidate_columns import stack_design
-from modelsel.diagnosis.outliers import estimate_scale, find_gross_outliers
+from modelsel.diagnosis.columns.candidate_columns import stack_design
+from modelsel.diagnosis.columns.screw_columns import build_screw_columns
+from modelsel.diagnosis.faults.outliers import estimate_scale, find_gross_outliers
 from modelsel.diagnosis.procedure import diagnose_split
-from modelsel.diagnosis.screw_columns import build_screw_columns
 from modelsel.diagnosis.separation import Inquiry
 from modelsel.exceptions import DataError, NotEstimable, StudyError
 from modelsel.fitting.batch import Ensemble

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from functools import partial
 
 from ..._short_numbers import round_numbers
-from ...diagnosis.stated_probability import bound_chance, format_probability
+from ...diagnosis.findings.stated_probability import bound_chance, format_probability
 from ...measurements.row_places import Where
 from ...measurements.state_names import StateKind, state_kind
 from ...results.details_schema import FindingDetailsRecord
