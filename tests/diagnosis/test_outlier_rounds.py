@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from builders import seeds, study_of
 from hidden_arm import arm
-from test_target_steps import TOOLS, Rng, bind_targets, draw_slip, measure, offer
+from slipped_targets import TOOLS, Rng, bind_targets, draw_slip, measure, offer
 
 from modelsel.diagnosis import outlier_rounds
 from modelsel.diagnosis.candidates.candidate_list import build_candidates

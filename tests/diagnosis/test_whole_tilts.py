@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from builders import bind, seeds
 from exact import flanges_of
-from held_loads import WEIGHT, frame_of, place_of
+from held_loads import RATED, TOOL, WEIGHT, frame_of, place_of
 from scipy.spatial.transform import Rotation
 from searches import find_cause, search_separated
-from test_whole_torques import RATED, TOOL
 
 from modelsel._typing import Array
 from modelsel.diagnosis.candidates.candidate import Candidate

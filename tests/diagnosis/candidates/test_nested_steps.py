@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from test_target_steps import Rng, bind_targets
+from slipped_targets import Rng, bind_targets
 
 from modelsel.diagnosis.candidates.candidate import Candidate
 from modelsel.diagnosis.candidates.nested_steps import NestedSteps

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from builders import seeds
 from hidden_arm import arm
-from test_target_steps import (
+from slipped_targets import (
     NAMES,
     TOOLS,
     Rng,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from builders import bind, seeds
 from exact import flanges_of
-from held_loads import place_of, torques_of
+from held_loads import RATED, TOOL, place_of, torques_of
 from searches import find_cause, search_separated
 
 from modelsel._typing import Array
@@ -31,9 +31,6 @@ from modelsel.robot.kinematics import Robot
 
 NOISE_MM = 0.02
 ROWS = 100
-TOOL = np.array([60.0, -50.0, 80.0])
-# kg
-RATED = {"irb120": 3.0, "ur5e": 5.0, "ur10e": 12.0}
 Rng = np.random.Generator
 
 
