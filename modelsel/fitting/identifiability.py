@@ -11,7 +11,7 @@ import numpy as np
 
 from .._typing import Array
 from ..measurements.features import Feature
-from ..measurements.measurements import Gauges
+from ..measurements.gauges import Gauges
 from ..mechanisms.causes import ONE, Number
 from ..mechanisms.terms import Term
 from .problem import Problem

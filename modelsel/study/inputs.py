@@ -15,8 +15,8 @@ from ..config.study_file import Study, find_data, find_source, read_study
 from ..exceptions import StudyError, count_words
 from ..fitting.problem import Problem
 from ..measurements.clock_history import find_lags
+from ..measurements.known_features import KnownFeature, apply_known_features
 from ..measurements.measurements import Measurements
-from ..measurements.observation_columns import KnownFeature, apply_known_features
 from ..measurements.reader import read_labels, read_measurements
 from ..measurements.reference_temperature import TEMPERATURE
 from ..measurements.table import load_table, rename_columns

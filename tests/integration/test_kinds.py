@@ -36,8 +36,8 @@ from modelsel.fitting.observation import Fixtures
 from modelsel.fitting.problem import Problem
 from modelsel.fitting.undetermined import describe_unidentifiable
 from modelsel.measurements.features import FREE_NUMBERS, KINDS, KindColumns
+from modelsel.measurements.known_features import KnownFeature, apply_known_features
 from modelsel.measurements.measurements import Measurements, build_measurements
-from modelsel.measurements.observation_columns import KnownFeature, apply_known_features
 from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.geometry import build_setup
 from modelsel.mechanisms.registry import build_mechanisms, mechanism
