@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array, Index
-from .features import COORDINATES, KINDS, Feature
+from .campaign.features import COORDINATES, KINDS, Feature
 
 if TYPE_CHECKING:
     from .measurements import Measurements

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from ..exceptions import StudyError, suggest
-from .features import FREE_NUMBERS, Feature
+from .campaign.features import FREE_NUMBERS, Feature
 from .measurements import Measurements
 
 # keys of a feature in the study file, and the kinds that have them

@@ -16,17 +16,23 @@ from ..exceptions import DataError, count_words
 from ..notices import Note
 from ..robot.coupling import Coupling, readings_of
 from ..robot.rigid import to_quaternion
-from .clock_history import derive_late, derive_since_rest
-from .column_names import list_named_columns
-from .continuous_motion import add_speed
-from .features import KINDS, Feature, KindColumns, add_kind_columns, collect_features
+from .campaign.clock_history import derive_late, derive_since_rest
+from .campaign.continuous_motion import add_speed
+from .campaign.features import KINDS, Feature, KindColumns, add_kind_columns, collect_features
+from .campaign.joint_path import JointPath
+from .campaign.motion import (
+    APPROACH_FROM_ORDER,
+    MeasuredRows,
+    Waypoints,
+    describe_motion,
+    trace_motion,
+)
+from .campaign.reference_temperature import REFERENCE, TEMPERATURE, choose_reference
+from .campaign.row_order import compute_progress
+from .campaign.visits import count_distinct, number_blocks, number_keys
+from .formats.column_names import list_named_columns
+from .formats.row_places import Where
 from .gauges import Gauges
-from .joint_path import JointPath
-from .motion import APPROACH_FROM_ORDER, MeasuredRows, Waypoints, describe_motion, trace_motion
-from .reference_temperature import REFERENCE, TEMPERATURE, choose_reference
-from .row_order import compute_progress
-from .row_places import Where
-from .visits import count_distinct, number_blocks, number_keys
 
 if TYPE_CHECKING:
     import pandas as pd

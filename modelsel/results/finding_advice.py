@@ -11,7 +11,7 @@ from ..diagnosis.candidates.fault_kinds import FaultKind
 from ..diagnosis.candidates.signatures import LEVELS
 from ..diagnosis.findings.claim_sentences import name_drivers
 from ..exceptions import one_line, sentence_list
-from ..measurements.state_names import parse_state_name
+from ..measurements.campaign.state_names import parse_state_name
 from ..mechanisms.compliance import PAYLOAD
 from ..mechanisms.instrument import MISREADINGS
 from ..selection.gain import Change

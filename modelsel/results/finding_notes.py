@@ -16,9 +16,9 @@ from ..diagnosis.findings.stated_probability import format_chance
 from ..diagnosis.rivals.confounded_covariates import find_confounded
 from ..exceptions import sentence_list
 from ..fitting.problem import Problem
-from ..measurements.late_names import list_sources
+from ..measurements.campaign.late_names import list_sources
+from ..measurements.campaign.state_names import FROM_INSTRUMENT
 from ..measurements.measurements import Measurements
-from ..measurements.state_names import FROM_INSTRUMENT
 from ..notices import Note
 from ..selection.evaluation import Evaluation, Split, compare_held_out, find_far_held_out
 from .finding_records import Finding

@@ -24,7 +24,7 @@ from ..diagnosis.findings.sentences import list_usual_causes
 from ..diagnosis.inference.credible_sets import Entry
 from ..exceptions import write_rounded
 from ..fitting.problem import Problem
-from ..measurements.contract_columns import KNOWN_COVARIATES
+from ..measurements.quantities.contract_columns import KNOWN_COVARIATES
 from ..mechanisms.causes import Cause, find_bump
 from ..mechanisms.terms import Term
 from ..selection.gain import Change, Gain, OrientationGain

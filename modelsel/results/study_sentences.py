@@ -18,7 +18,7 @@ from ..diagnosis.findings.stated_probability import (
 )
 from ..diagnosis.inference.simulation_counts import REST_FLIPS
 from ..exceptions import write_percent, write_rounded
-from ..measurements.row_places import Where
+from ..measurements.formats.row_places import Where
 from ..notices import HOPELESS_FIT, list_alarms
 from .finding_schema import EntryRecord, FindingRecord
 from .model_schema import RungRecord, WeighedModelRecord

@@ -28,8 +28,8 @@ from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor
 from modelsel.fitting.problem import Problem
 from modelsel.fitting.whitening import Whitening
+from modelsel.measurements.formats.table import hash_source
 from modelsel.measurements.measurements import Measurements
-from modelsel.measurements.table import hash_source
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.mechanisms.terms import Screw, Term
 from modelsel.robot.files import load_robot

@@ -35,7 +35,7 @@ from modelsel.fitting.noise import Floor
 from modelsel.fitting.observation import Fixtures
 from modelsel.fitting.problem import Problem
 from modelsel.fitting.undetermined import describe_unidentifiable
-from modelsel.measurements.features import FREE_NUMBERS, KINDS, KindColumns
+from modelsel.measurements.campaign.features import FREE_NUMBERS, KINDS, KindColumns
 from modelsel.measurements.known_features import KnownFeature, apply_known_features
 from modelsel.measurements.measurements import Measurements, build_measurements
 from modelsel.measurements.reader import read_measurements

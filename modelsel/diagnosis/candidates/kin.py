@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..._typing import Index
-from ...measurements.visits import number_keys
+from ...measurements.campaign.visits import number_keys
 
 # log of how much likelier a mechanism is in a joint where another joint has it
 KIN = float(np.log(20))

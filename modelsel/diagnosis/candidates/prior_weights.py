@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from ...measurements.state_names import StateKind, state_kind
+from ...measurements.campaign.state_names import StateKind, state_kind
 from ...mechanisms.moved_targets import find_moved_targets
 from ...mechanisms.terms import Mechanism
 

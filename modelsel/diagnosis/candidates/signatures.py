@@ -11,8 +11,13 @@ from functools import cache
 import numpy as np
 
 from ..._typing import Index
-from ...measurements.reference_temperature import TEMPERATURE
-from ...measurements.state_names import StateKind, is_where_target_is, parse_state_name, state_kind
+from ...measurements.campaign.reference_temperature import TEMPERATURE
+from ...measurements.campaign.state_names import (
+    StateKind,
+    is_where_target_is,
+    parse_state_name,
+    state_kind,
+)
 from ...mechanisms.bending import LINK_BENDING, PAYLOAD_BENDING
 from ...mechanisms.compliance import PAYLOAD, PAYLOAD_DEFLECTION
 from ..shapes.candidate_kinds import CandidateKind

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from ...fitting.problem import Problem
-from ...measurements.state_names import NEED_INSTRUMENT, state_kind
+from ...measurements.campaign.state_names import NEED_INSTRUMENT, state_kind
 from ...mechanisms.compliance import PAYLOAD, needs_both_loads
 from ...mechanisms.drives import SERVO_LAG
 from ...mechanisms.terms import Mechanism

@@ -12,8 +12,8 @@ from ..._typing import Array, Index, Mask
 from ...exceptions import DataError, NotEstimable, write_rounded
 from ...fitting.design import residuals
 from ...fitting.problem import Problem
+from ...measurements.formats.row_places import Where
 from ...measurements.measurements import Measurements
-from ...measurements.row_places import Where
 from ...setup.improvement import BAD_SHARE, MIN_IMPROVEMENT, describe_improvement
 from ...setup.registration import register
 from ...setup.simple_mistakes import DEGREE, SCALES, list_axis_changes

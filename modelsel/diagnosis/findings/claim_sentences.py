@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from ...exceptions import choice_list, sentence_list
-from ...measurements.state_names import is_where_target_is
+from ...measurements.campaign.state_names import is_where_target_is
 from ...mechanisms.causes import Bump
 from ...mechanisms.terms import describe_frame_motion
 from ..candidates.signatures import LEVELS, PROVEN

@@ -6,7 +6,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from ...measurements.state_names import StateKind, StateVariable, parse_state_name
+from ...measurements.campaign.state_names import StateKind, StateVariable, parse_state_name
 from ...mechanisms.cause_formulas import MEMBER
 from ..shapes.cause_words import SETTLING
 

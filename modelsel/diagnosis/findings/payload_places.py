@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..._typing import Array
-from ...measurements.state_names import StateKind, state_kind
+from ...measurements.campaign.state_names import StateKind, state_kind
 from ...mechanisms.bending import PAYLOAD_BENDING
 from ...mechanisms.compliance import PAYLOAD, PAYLOAD_DEFLECTION
 from ...mechanisms.terms import Mechanism

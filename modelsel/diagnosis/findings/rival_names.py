@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ...exceptions import sentence_list
-from ...measurements.state_names import StateKind, parse_state_name
+from ...measurements.campaign.state_names import StateKind, parse_state_name
 from .effects import Effect
 
 # alternatives that a sentence names

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..._typing import Array
 from ...exceptions import choice_list, count_words, write_rounded
-from ...measurements.state_names import StateKind, describe_state_name, parse_state_name
+from ...measurements.campaign.state_names import StateKind, describe_state_name, parse_state_name
 from ...mechanisms.causes import Applied, Bump, find_bump
 from ...mechanisms.compliance import AS_DECLARED
 from ...mechanisms.terms import Mechanism, Term, describe_frame_motion, letter

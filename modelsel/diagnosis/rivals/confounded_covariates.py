@@ -19,7 +19,7 @@ import numpy as np
 
 from ..._typing import Array
 from ...fitting.problem import Problem
-from ...measurements.late_names import list_sources
+from ...measurements.campaign.late_names import list_sources
 from ...measurements.measurements import Measurements
 from ...mechanisms.causes import Applied, Bump, Cause, Combined, Named, Number
 from ...mechanisms.environment import PROGRESS, step_after

@@ -14,7 +14,7 @@ from operator import mul
 import numpy as np
 
 from ...fitting.problem import Problem
-from ...measurements.state_names import is_where_target_is
+from ...measurements.campaign.state_names import is_where_target_is
 from ...mechanisms.causes import Cause, cos, sin
 from ...mechanisms.instrument import FAR, FIELDS, RADIAL, ZENITH, shift_across_axis
 from ...mechanisms.terms import Mechanism, Screw, Term

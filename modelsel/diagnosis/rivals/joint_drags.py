@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...fitting.problem import Problem
-from ...measurements.state_names import (
+from ...measurements.campaign.state_names import (
     THOUSAND,
     StateKind,
     StateVariable,

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ...fitting.problem import Problem
-from ...measurements.state_names import needs_gravity
+from ...measurements.campaign.state_names import needs_gravity
 from ...mechanisms.causes import Cause, Named, sign
 from ...mechanisms.motors import is_joint_motion
 from ...mechanisms.terms import Mechanism, Screw, Term

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from ...fitting.problem import Problem
-from ...measurements.state_names import is_where_target_is
+from ...measurements.campaign.state_names import is_where_target_is
 from ...mechanisms.terms import Mechanism
 from ..candidates.candidate import Candidate
 from ..candidates.signatures import leave_out_sides

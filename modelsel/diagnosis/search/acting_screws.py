@@ -15,7 +15,7 @@ from ..._linalg import project_out
 from ..._typing import Array
 from ...fitting.linearisation import Linearisation
 from ...fitting.problem import Problem
-from ...measurements.state_names import is_where_target_is
+from ...measurements.campaign.state_names import is_where_target_is
 from ...mechanisms.terms import Screw, Term, TermKey
 from ..candidates.candidate import Candidate
 from ..columns.candidate_columns import stack_design

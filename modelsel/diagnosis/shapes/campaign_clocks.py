@@ -8,7 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from ...fitting.problem import Problem
-from ...measurements.clock_history import REST
+from ...measurements.campaign.clock_history import REST
 from ...mechanisms.causes import Applied, Cause, Named
 from ...mechanisms.environment import PROGRESS
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from ..._short_numbers import round_numbers
 from ...exceptions import write_percent, write_rounded
-from ...measurements.late_names import is_temperature
-from ...measurements.reference_temperature import TEMPERATURE
-from ...measurements.state_names import needs_gravity, parse_state_name
+from ...measurements.campaign.late_names import is_temperature
+from ...measurements.campaign.reference_temperature import TEMPERATURE
+from ...measurements.campaign.state_names import needs_gravity, parse_state_name
 from ...mechanisms.causes import Applied, Cause, Combined, Named, Number
 from ...mechanisms.terms import Mechanism
 from .driver_functions import IN_TIME

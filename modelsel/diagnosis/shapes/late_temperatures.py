@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from ...fitting.problem import Problem
-from ...measurements.clock_history import find_lags
-from ...measurements.late_names import is_temperature, name_late
-from ...measurements.reference_temperature import TEMPERATURE
-from ...measurements.state_names import StateKind, state_kind
+from ...measurements.campaign.clock_history import find_lags
+from ...measurements.campaign.late_names import is_temperature, name_late
+from ...measurements.campaign.reference_temperature import TEMPERATURE
+from ...measurements.campaign.state_names import StateKind, state_kind
 from ...mechanisms.causes import Cause
 from ...mechanisms.environment import temperature_rise
 from ...mechanisms.terms import Mechanism

@@ -14,8 +14,8 @@ import numpy as np
 
 from ..._typing import Array
 from ...fitting.problem import Problem
-from ...measurements.reference_temperature import TEMPERATURE
-from ...measurements.state_names import parse_state_name
+from ...measurements.campaign.reference_temperature import TEMPERATURE
+from ...measurements.campaign.state_names import parse_state_name
 from ...mechanisms.causes import Applied, Bump, Cause, Named, cos, q, sign, sin, torque
 from ...mechanisms.drives import RIPPLING_PARTS, WAVES, wave_terms
 from ...mechanisms.environment import temperature_rise

@@ -20,7 +20,7 @@ from modelsel.diagnosis.shapes.late_temperatures import generate_campaign_cells,
 from modelsel.diagnosis.shapes.unregistered import build_cell
 from modelsel.fitting.design import Model
 from modelsel.fitting.problem import Problem
-from modelsel.measurements.clock_history import LAGS, find_lags
+from modelsel.measurements.campaign.clock_history import LAGS, find_lags
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.campaign_registry import set_reference
 from modelsel.mechanisms.environment import find_references, temperature_rise
