@@ -37,6 +37,7 @@ FLOORS = (
 # The folders within a folder, top to bottom, by the same rule; the modules of the folder itself
 # stand below all of them.
 INNER_FLOORS = {
+    "measurements": ("formats", "campaign", "quantities", "recognition", "pairing"),
     "diagnosis": (
         "shapes",
         "candidates",
@@ -46,7 +47,7 @@ INNER_FLOORS = {
         "rivals",
         "faults",
         "findings",
-    )
+    ),
 }
 BASE = (
     "exceptions",
