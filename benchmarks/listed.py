@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from hidden_arm import Effect, State
 
-from modelsel.diagnosis.effects import Effect as Finding
+from modelsel.diagnosis.findings.effects import Effect as Finding
 from modelsel.fitting.problem import Problem
 from modelsel.mechanisms.terms import Mechanism
 

@@ -24,12 +24,12 @@ from scipy.optimize import brentq
 
 from modelsel import Model, mechanism
 from modelsel._random import generator
-from modelsel.diagnosis.candidate_columns import build_columns, stack_design
-from modelsel.diagnosis.candidates import build_candidates
-from modelsel.diagnosis.options import DEFAULT_OPTIONS, DiagnosisOptions
-from modelsel.diagnosis.outcome import Diagnosis
+from modelsel.diagnosis.candidates.candidate_list import build_candidates
+from modelsel.diagnosis.candidates.options import DEFAULT_OPTIONS, DiagnosisOptions
+from modelsel.diagnosis.columns.candidate_columns import build_columns, stack_design
+from modelsel.diagnosis.findings.outcome import Diagnosis
+from modelsel.diagnosis.inference.scan import build_scan, compute_basis
 from modelsel.diagnosis.procedure import diagnose_split
-from modelsel.diagnosis.scan import build_scan, compute_basis
 from modelsel.diagnosis.separation import Inquiry
 from modelsel.fitting.design import residuals
 from modelsel.fitting.error_structure import ErrorStructure

@@ -22,13 +22,13 @@ import numpy as np
 from scipy.special import stdtrit
 from scipy.stats import kstest
 
-import modelsel.diagnosis.state
+import modelsel.diagnosis.search.state
 import modelsel.diagnosis.unexplained
 import modelsel.uncertainty.bootstrap
 import modelsel.uncertainty.parameters
 from modelsel import Model, mechanism
 from modelsel._random import generator
-from modelsel.diagnosis.data_faults import find_misplaced_rows
+from modelsel.diagnosis.faults.data_faults import find_misplaced_rows
 from modelsel.diagnosis.unexplained import estimate_predictability
 from modelsel.fitting.design import residuals
 from modelsel.fitting.least_squares import fit
@@ -135,8 +135,8 @@ class Study:
 
 def take_equal_noise_for_granted() -> None:
     """The program as it would be without the signs of whole postures and groups."""
-    modelsel.diagnosis.state.Search.expand_partitions = lambda self, view: []
-    modelsel.diagnosis.state.Search.compute_sign_p = lambda *_: 0.0
+    modelsel.diagnosis.search.state.Search.expand_partitions = lambda self, view: []
+    modelsel.diagnosis.search.state.Search.compute_sign_p = lambda *_: 0.0
     modelsel.diagnosis.unexplained.compute_group_p = lambda *_: 1.0
     modelsel.uncertainty.bootstrap.Bootstrap.p_value = lambda *_: 0.0
     own = modelsel.uncertainty.parameters.run_bootstrap

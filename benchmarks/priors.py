@@ -20,9 +20,10 @@ from hidden_oracle import critical_p, held_by
 from searches import search_separated
 
 from modelsel import Model, mechanism
-from modelsel.diagnosis.candidates import Candidate, build_candidates
-from modelsel.diagnosis.options import DiagnosisOptions
-from modelsel.diagnosis.prior_weights import weigh_outcomes
+from modelsel.diagnosis.candidates.candidate import Candidate
+from modelsel.diagnosis.candidates.candidate_list import build_candidates
+from modelsel.diagnosis.candidates.options import DiagnosisOptions
+from modelsel.diagnosis.candidates.prior_weights import weigh_outcomes
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem
 from modelsel.mechanisms.registry import every

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import betaincc, gammaln
 
-from modelsel.diagnosis.candidate_columns import Columns, build_columns, stack_design
-from modelsel.diagnosis.candidates import Candidate
-from modelsel.diagnosis.scan import Scan, build_scan, compute_basis
+from modelsel.diagnosis.candidates.candidate import Candidate
+from modelsel.diagnosis.columns.candidate_columns import Columns, build_columns, stack_design
+from modelsel.diagnosis.inference.scan import Scan, build_scan, compute_basis
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import Fit
 from modelsel.fitting.problem import Problem

@@ -12,7 +12,8 @@ from hidden_arm import geometry, holds, said
 from hidden_oracle import critical_p, held_by, naming_limit
 from searches import search_separated
 
-from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.candidates.candidate import Candidate
+from modelsel.diagnosis.candidates.candidate_list import build_candidates
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.mechanisms.registry import every, mechanism

@@ -24,8 +24,8 @@ from zlib import crc32
 import numpy as np
 
 from modelsel import Model, mechanism
-from modelsel.diagnosis.effects import Effect as Finding
-from modelsel.diagnosis.signatures import LEVELS, PROVEN
+from modelsel.diagnosis.candidates.signatures import LEVELS, PROVEN
+from modelsel.diagnosis.findings.effects import Effect as Finding
 from modelsel.fitting.problem import Problem
 from modelsel.mechanisms.registry import build_faults
 

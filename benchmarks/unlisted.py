@@ -28,11 +28,11 @@ from hidden_oracle import critical_p
 from scipy.special import betaincc
 
 from modelsel import Model, mechanism
-from modelsel.diagnosis.candidate_columns import build_columns, stack_design
-from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import build_candidates
-from modelsel.diagnosis.effects import Effect as Finding
-from modelsel.diagnosis.scan import build_scan, compute_basis
+from modelsel.diagnosis.candidates.candidate_list import build_candidates
+from modelsel.diagnosis.columns.candidate_columns import build_columns, stack_design
+from modelsel.diagnosis.findings.effects import Effect as Finding
+from modelsel.diagnosis.inference.scan import build_scan, compute_basis
+from modelsel.diagnosis.shapes.candidate_kinds import CandidateKind
 from modelsel.fitting.least_squares import Fit, fit
 from modelsel.fitting.problem import Problem
 from modelsel.mechanisms.causes import Named

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from .calibration.loading import load_calibration as load_calibration
     from .config.study_file import Study as Study
     from .config.study_file import read_study as read_study
-    from .diagnosis.outcome import Diagnosis as Diagnosis
+    from .diagnosis.findings.outcome import Diagnosis as Diagnosis
     from .diagnosis.procedure import diagnose as diagnose
     from .exceptions import DataError as DataError
     from .exceptions import ModelselError as ModelselError
@@ -56,7 +56,7 @@ _NAMES = {
     "calibration.calibration": "Calibration",
     "calibration.loading": "load_calibration",
     "config.study_file": "Study read_study",
-    "diagnosis.outcome": "Diagnosis",
+    "diagnosis.findings.outcome": "Diagnosis",
     "diagnosis.procedure": "diagnose",
     "exceptions": "DataError ModelselError NotEstimable StudyError",
     "fitting.design": "Model",

@@ -12,12 +12,17 @@ from itertools import islice
 
 import numpy as np
 
-from modelsel.diagnosis.candidate_columns import build_columns
-from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate
-from modelsel.diagnosis.evidence import compute_factors, compute_p_value, draw_null, sum_evidence
-from modelsel.diagnosis.scan import Scan, build_scan, compute_basis
-from modelsel.diagnosis.unregistered import list_places
+from modelsel.diagnosis.candidates.candidate import Candidate
+from modelsel.diagnosis.columns.candidate_columns import build_columns
+from modelsel.diagnosis.inference.evidence import (
+    compute_factors,
+    compute_p_value,
+    draw_null,
+    sum_evidence,
+)
+from modelsel.diagnosis.inference.scan import Scan, build_scan, compute_basis
+from modelsel.diagnosis.shapes.candidate_kinds import CandidateKind
+from modelsel.diagnosis.shapes.unregistered import list_places
 from modelsel.fitting.problem import Problem
 from modelsel.mechanisms.causes import cos, q, sin
 from modelsel.mechanisms.terms import Mechanism, Screw, Term

@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from modelsel.diagnosis.candidate_columns import Columns, build_columns, stack_design
-from modelsel.diagnosis.candidates import Candidate, build_candidates
-from modelsel.diagnosis.scan import Response, Scan, build_scan, compute_basis
+from modelsel.diagnosis.candidates.candidate import Candidate
+from modelsel.diagnosis.candidates.candidate_list import build_candidates
+from modelsel.diagnosis.columns.candidate_columns import Columns, build_columns, stack_design
+from modelsel.diagnosis.inference.scan import Response, Scan, build_scan, compute_basis
 from modelsel.fitting.design import Model, residuals
 from modelsel.fitting.least_squares import Fit, fit
 from modelsel.fitting.problem import Problem

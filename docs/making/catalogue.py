@@ -13,7 +13,7 @@ import arm
 import numpy as np
 
 from modelsel._typing import Array
-from modelsel.diagnosis.scan import compute_basis
+from modelsel.diagnosis.inference.scan import compute_basis
 from modelsel.fitting.design import compute_design
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements

@@ -15,8 +15,9 @@ from arm import short
 from campaigns import BASE, NOISE, ROBOT, View, effect, look, measured
 
 from modelsel._typing import Array
-from modelsel.diagnosis.credible_sets import ask
-from modelsel.diagnosis.evidence import (
+from modelsel.diagnosis.findings.outcome import build_empty
+from modelsel.diagnosis.inference.credible_sets import ask
+from modelsel.diagnosis.inference.evidence import (
     RATIOS,
     compute_factors,
     compute_log_bayes_factors,
@@ -24,8 +25,7 @@ from modelsel.diagnosis.evidence import (
     normalise_strength,
     sum_evidence,
 )
-from modelsel.diagnosis.outcome import build_empty
-from modelsel.diagnosis.state import LEVEL
+from modelsel.diagnosis.search.state import LEVEL
 from modelsel.diagnosis.unexplained import POWER, compute_detection_limit
 from modelsel.mechanisms.registry import mechanism
 from modelsel.report.style import BLUE, GREY, INK, ORANGE, QUIET, svg, use_style

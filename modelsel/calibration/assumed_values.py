@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..exceptions import sentence_list
-from ..measurements.late_names import list_sources
+from ..measurements.campaign.late_names import list_sources
+from ..measurements.campaign.reference_temperature import TEMPERATURE
+from ..measurements.campaign.state_names import is_state_name
 from ..measurements.measurements import Measurements
-from ..measurements.reference_temperature import TEMPERATURE
-from ..measurements.state_names import is_state_name
 from ..mechanisms.environment import find_references
 
 if TYPE_CHECKING:

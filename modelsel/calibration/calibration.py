@@ -22,8 +22,8 @@ from ..fitting.design import Model
 from ..fitting.least_squares import Fit
 from ..fitting.noise import Floor
 from ..fitting.problem import Problem
-from ..measurements.file_form import FileForm
-from ..measurements.late_names import list_sources
+from ..measurements.campaign.late_names import list_sources
+from ..measurements.formats.file_form import FileForm
 from ..measurements.measurements import Measurements
 from ..mechanisms.causes import Member
 from ..mechanisms.step_moments import list_step_moments
@@ -39,7 +39,7 @@ from .refitting import Refits, part_of
 if TYPE_CHECKING:
     import pandas as pd
 
-    from ..measurements.table import Source
+    from ..measurements.formats.table import Source
     from .export.form import Exported
 
 FACTOR_DIGITS = 10  # of the covariance factor; everything else is written in full

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from .._typing import Array
 from ..exceptions import sentence_list
+from ..measurements.campaign.state_names import StateKind, parse_state_name
 from ..measurements.measurements import Measurements
-from ..measurements.state_names import StateKind, parse_state_name
 from ..mechanisms.step_moments import list_step_moments
 from .assumed_values import describe_assumed
 from .late_effects import describe_unknown_history

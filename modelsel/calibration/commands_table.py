@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array
-from ..measurements.columns import convert_to_numbers, find_blank_cells
-from ..measurements.contract_columns import list_contract_names
+from ..measurements.formats.table import Table
 from ..measurements.measurements import ONE_GROUP, Measurements
-from ..measurements.orientation_columns import (
+from ..measurements.quantities.columns import convert_to_numbers, find_blank_cells
+from ..measurements.quantities.contract_columns import list_contract_names
+from ..measurements.quantities.orientation_columns import (
     QUATERNION_COLUMNS,
     choose_orientation_names,
     write_orientations,
 )
-from ..measurements.table import Table
 from .command_notes import needs_approach
 
 if TYPE_CHECKING:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ..diagnosis.sentences import format_quantity
+from ..diagnosis.findings.sentences import format_quantity
 from ..exceptions import choice_list, count_words, sentence_list, write_rounded
 from .campaigns import Comparison, Explanation
 from .change_sentences import describe_change, write_p

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from .._typing import Array
 from ..exceptions import DataError
 from ..fitting.problem import Problem
+from ..measurements.campaign.state_names import StateKind
+from ..measurements.formats.table import Source, load_table
 from ..measurements.measurements import Measurements
 from ..measurements.reader import read_measurements
-from ..measurements.state_names import StateKind
-from ..measurements.table import Source, load_table
 from ..robot.kinematics import Robot, forward
 from ..robot.rigid import rotation_vector
 from .arm_alone import describe_left_out_instrument, leave_out_instrument

@@ -12,11 +12,11 @@ import numpy as np
 from .._typing import Array
 from ..fitting.design import PLACE
 from ..fitting.problem import Problem
-from ..measurements.joint_path import JointPath
-from ..measurements.late_names import is_temperature
+from ..measurements.campaign.joint_path import JointPath
+from ..measurements.campaign.late_names import is_temperature
+from ..measurements.campaign.reference_temperature import TEMPERATURE
+from ..measurements.campaign.state_names import StateKind, is_state_name, parse_state_name
 from ..measurements.measurements import Measurements, build_measurements
-from ..measurements.reference_temperature import TEMPERATURE
-from ..measurements.state_names import StateKind, is_state_name, parse_state_name
 from ..mechanisms.cause_functions import FUNCTIONS
 from ..mechanisms.causes import ARITHMETIC, ONE, Applied, Cause, Combined, Member, Named, Number
 from ..mechanisms.terms import Screw, Term

@@ -9,7 +9,7 @@ import numpy as np
 from .._typing import Array
 from ..exceptions import write_rounded
 from ..fitting.noise_check import name_likeliest_mistake
-from ..measurements.columns import MIN_UNCERTAINTY
+from ..measurements.quantities.columns import MIN_UNCERTAINTY
 
 if TYPE_CHECKING:
     from .calibration import Calibration

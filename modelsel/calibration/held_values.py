@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from ..exceptions import DataError, StudyError
-from ..measurements.covariates import COVARIATE_LIMITS, MAX_COVARIATE
-from ..measurements.state_names import is_state_name
-from ..measurements.table import Table
+from ..measurements.campaign.state_names import is_state_name
+from ..measurements.formats.table import Table
+from ..measurements.recognition.covariates import COVARIATE_LIMITS, MAX_COVARIATE
 from .calibration import Calibration
 
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from .._arguments import describe_value
 from .._typing import Array
 from ..exceptions import ArgumentError, count_words, write_rounded
+from ..measurements.campaign.visits import derive_path, describe_last_motion
 from ..measurements.measurements import Measurements
-from ..measurements.visits import derive_path, describe_last_motion
 from .command_notes import describe_order_dependence
 
 if TYPE_CHECKING:

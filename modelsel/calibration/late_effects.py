@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ..measurements.campaign.state_names import StateKind, state_kind
 from ..measurements.measurements import Measurements
-from ..measurements.state_names import StateKind, state_kind
 from ..mechanisms.terms import Term
 
 

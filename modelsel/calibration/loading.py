@@ -17,7 +17,7 @@ from .._typing import Array
 from ..exceptions import StudyError
 from ..fitting.design import Model
 from ..fitting.noise import Floor
-from ..measurements.file_form import FileForm
+from ..measurements.formats.file_form import FileForm
 from ..mechanisms.serialization import find_members, mechanism_from_record
 from ..robot.alignment import have_same_chain
 from ..robot.kinematics import Robot

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from .._typing import Array, Mask
-from ..diagnosis.mistaken_rows import describe_slip_before_fit, describe_slips
+from ..diagnosis.faults.mistaken_rows import describe_slip_before_fit, describe_slips
 from ..exceptions import DataError, NotEstimable
 from ..fitting.problem import Problem
 from ..setup.mistakes import FAR_SHARE, describe_setup_mistake

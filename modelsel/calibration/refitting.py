@@ -20,9 +20,9 @@ from .._typing import Array, Mask
 from ..exceptions import NotEstimable
 from ..fitting.design import Model, residuals
 from ..fitting.least_squares import Fit
-from ..measurements.late_names import list_sources
-from ..measurements.measurements import Gauges
-from ..measurements.reference_temperature import TEMPERATURE
+from ..measurements.campaign.late_names import list_sources
+from ..measurements.campaign.reference_temperature import TEMPERATURE
+from ..measurements.gauges import Gauges
 from ..mechanisms.environment import INSTRUMENT_MOVES
 from ..mechanisms.geometry import SETUP
 from ..mechanisms.terms import Term, TermKey

@@ -11,7 +11,7 @@ from .._linalg import RANK_TOLERANCE, orthonormal_basis
 from .._typing import Array, Index
 from ..exceptions import DataError, count_words
 from ..fitting.problem import Problem
-from ..measurements.state_names import FROM_INSTRUMENT
+from ..measurements.campaign.state_names import FROM_INSTRUMENT
 from ..robot.rigid import rotation_vector
 from ..setup.placement import fit_rigid_transform
 from ..setup.robust_weights import MIN_SCALE_MM, compute_cauchy_weights, compute_scale

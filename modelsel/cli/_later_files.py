@@ -10,8 +10,8 @@ import numpy as np
 
 if TYPE_CHECKING:
     from ..calibration.calibration import Calibration
+    from ..measurements.formats.table import DataFile, Table
     from ..measurements.measurements import Measurements
-    from ..measurements.table import DataFile, Table
     from ._join_options import JointLog
 
 
@@ -56,7 +56,7 @@ class LaterFiles:
 
     def matched(self) -> LaterFiles:
         """Return the rows that have a point; those of a log alone are no targets."""
-        from ..measurements.missed_rows import take_rows
+        from ..measurements.quantities.missed_rows import take_rows
 
         table = self.table
         points = next(iter(table.where.parts.values()), None)
@@ -81,8 +81,8 @@ def load_later(
     """Load a file of the form of a study's, or points and readings in two. Raises DataError."""
     import hashlib
 
-    from ..measurements.headerless_columns import name_columns
-    from ..measurements.table import DataFile, hash_source, load_table
+    from ..measurements.formats.table import DataFile, hash_source, load_table
+    from ..measurements.recognition.headerless_columns import name_columns
 
     if log is None:
         is_joined = bool(c.form.joined)
@@ -109,10 +109,10 @@ def load_later(
 def _refuse_points_alone(c: Calibration, table: Table, mapping: Mapping[str, str]) -> None:
     """Refuse points without joint readings, of a study whose rows were joined; readings under other
     names are left to the reader, who proposes a mapping. Raises DataError."""
-    from ..measurements.column_guesses import guess_columns, list_missing_joints
-    from ..measurements.grad_columns import JOINTS
-    from ..measurements.numbered_joints import find_numbered_joints
-    from ..measurements.table import rename_columns
+    from ..measurements.formats.table import rename_columns
+    from ..measurements.quantities.numbered_joints import find_numbered_joints
+    from ..measurements.recognition.column_guesses import guess_columns, list_missing_joints
+    from ..measurements.recognition.grad_columns import JOINTS
     from ..robot.urdf import read_joint_names
 
     renamed = rename_columns(table, mapping)

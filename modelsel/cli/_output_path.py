@@ -51,7 +51,7 @@ def check_output(out: Path, inputs: Iterable[Path], option: str = "--out") -> No
 def check_table_path(out: Path) -> None:
     """Refuse the name of a spreadsheet for a table, which is written as CSV or Parquet. Raises
     StudyError."""
-    from ..measurements.spreadsheet import SPREADSHEET_SUFFIXES
+    from ..measurements.formats.spreadsheet import SPREADSHEET_SUFFIXES
 
     suffix = out.suffix.lower()
     if suffix in SPREADSHEET_SUFFIXES:

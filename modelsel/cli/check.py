@@ -44,8 +44,8 @@ def check_command(
     """What is in a measurements file, what it can tell and what it cannot. DATA is the file, or a
     study's folder: its file and its robot, with the study's tool and registration. The exit status
     of a study that `modelsel study` would refuse is that of the refusal."""
+    from ..measurements.formats.table import DataFile
     from ..measurements.reader import read_measurements
-    from ..measurements.table import DataFile
     from ..study.inspection import inspect_measurements
     from ..study.inspection_text import format_inspection
 

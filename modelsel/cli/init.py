@@ -23,7 +23,7 @@ from ._options import (
 from ._output_path import OutputPath
 
 if TYPE_CHECKING:
-    from ..measurements.column_guesses import Choice, Reading
+    from ..measurements.recognition.column_guesses import Choice, Reading
     from ..study.new_study import StudyDraft
     from ..study.stated_setup import StatedSetup
 
@@ -83,7 +83,7 @@ def init_command(
 ) -> None:
     """Write a study folder from a measurements file as it is: find the columns and their units,
     show how they are read, ask, and write what `modelsel study` runs."""
-    from ..measurements.table import DataFile
+    from ..measurements.formats.table import DataFile
     from ..study.joined_study import draft_joined_study
     from ..study.new_study import MIN_SPLIT, add_orientation, describe_draft, draft_study
     from ..study.stated_setup import StatedSetup

@@ -106,7 +106,7 @@ def plan_command(
     """Choose what to measure next: to tell a study's rival explanations apart, or to determine its
     parameters."""
     from .._files import write_frame
-    from ..measurements.table import DataFile
+    from ..measurements.formats.table import DataFile
     from ..mechanisms.registry import with_plugins
     from ..study.configuration_pool import check_joint_ranges
     from ..study.inputs import find_study_file, list_input_files

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import re
 
-from ..diagnosis.data_faults import EXCHANGES
-from ..diagnosis.name_legend import FRAME, describe_variable, explain_member, explain_names
-from ..measurements.state_names import parse_state_name
+from ..diagnosis.faults.data_faults import EXCHANGES
+from ..diagnosis.findings.name_legend import FRAME, describe_variable, explain_member, explain_names
+from ..measurements.campaign.state_names import parse_state_name
 from ..mechanisms.registry import build_faults
 from ..mechanisms.terms import Mechanism
 from ..robot.kinematics import Robot

@@ -24,7 +24,7 @@ from .._arguments import check_path
 from .._files import STUDY_FILE
 from .._text import parse_toml, read_text
 from ..exceptions import StudyError, suggest
-from ..measurements.table import DataFile, Source
+from ..measurements.formats.table import DataFile, Source
 from .campaign_table import CampaignTable
 from .covariate_table import CovariateTable, check_covariates, expect_tables
 from .frozen_table import FrozenTable

@@ -12,7 +12,7 @@ from pydantic import SerializerFunctionWrapHandler as Plain
 from .._names import as_name, check_listed_once
 from .._part_names import check_part_names, check_planted_names
 from .._typing import LARGEST
-from ..measurements.table import describe_no_frame, hash_source
+from ..measurements.formats.table import describe_no_frame, hash_source
 from ..robot.kinematics import Robot
 from ..robot.plain_values import check_robot_name, robot_record
 from ..robot.rigid import Axis

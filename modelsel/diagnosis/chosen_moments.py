@@ -19,16 +19,16 @@ from ..mechanisms.registry import Registry, build_mechanisms, join_mechanisms
 from ..mechanisms.step_moments import list_step_moments
 from ..mechanisms.terms import Mechanism
 from ..robot.kinematics import Robot
-from .candidate_columns import build_columns
-from .candidate_kinds import CandidateKind
-from .candidates import Candidate
-from .evidence import compute_single_f
-from .kept_causes import KeptCauses
-from .options import DEFAULT_OPTIONS
-from .robust_moments import choose_beside_outliers
-from .scanned_constants import drop_equal_constants
-from .session_steps import place_steps
-from .views import build_view
+from .candidates.candidate import Candidate
+from .candidates.options import DEFAULT_OPTIONS
+from .candidates.scanned_constants import drop_equal_constants
+from .candidates.session_steps import place_steps
+from .columns.candidate_columns import build_columns
+from .columns.kept_causes import KeptCauses
+from .faults.robust_moments import choose_beside_outliers
+from .inference.evidence import compute_single_f
+from .search.views import build_view
+from .shapes.candidate_kinds import CandidateKind
 
 # times that each of several steps is placed, given the others
 ROUNDS = 2

@@ -16,25 +16,26 @@ from ..exceptions import number_repeated
 from ..fitting.least_squares import STEP_MM, Fit
 from ..fitting.shrinkage import fit_shrunk
 from ..mechanisms.terms import Mechanism
-from .after_selection import AfterSelection, allow_for_search, find_limit
-from .cancelled_effects import find_cancelling
-from .claims import Weighed, build_claim, weigh_claims
-from .effects import DROPPED, Effect
-from .evidence import MIN_LOG_ODDS, compute_p_value, compute_single_f
-from .model_search import visit_models, weigh_models
-from .outcome import Diagnosis
-from .payload_places import share_by_places
-from .renaming import holds_name, settle_names
+from .candidates.signatures import SHAPELESS, read_parts
+from .findings.cancelled_effects import find_cancelling
+from .findings.claims import Weighed, build_claim, weigh_claims
+from .findings.effects import Effect
+from .findings.outcome import Diagnosis
+from .findings.payload_places import share_by_places
+from .findings.steps_apart import tell_steps_apart
+from .findings.sure_drivers import find_sure
+from .findings.torque_functions import find_bend
+from .findings.torque_waves import find_mixed_joint
+from .inference.after_selection import AfterSelection, allow_for_search, find_limit
+from .inference.evidence import MIN_LOG_ODDS, compute_p_value, compute_single_f
 from .reshaping import take_shapes
-from .signatures import SHAPELESS, read_parts
-from .state import LEVEL, Search, extend_model
-from .steps_apart import tell_steps_apart
-from .stepwise import Exploration, Remainder, explore_further
-from .sure_drivers import find_sure
-from .torque_functions import find_bend
-from .torque_waves import find_mixed_joint
-from .views import View
-from .weighed_models import VisitedModels
+from .search.model_search import visit_models, weigh_models
+from .search.path_words import DROPPED
+from .search.renaming import holds_name, settle_names
+from .search.state import LEVEL, Search, extend_model
+from .search.stepwise import Exploration, Remainder, explore_further
+from .search.views import View
+from .search.weighed_models import VisitedModels
 
 # times that shapes which no list has are offered
 MAX_OFFERS = 4

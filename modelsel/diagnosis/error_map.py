@@ -11,12 +11,12 @@ from .._typing import Array
 from ..mechanisms.causes import Bump, Cause
 from ..mechanisms.terms import Mechanism
 from ..robot.rigid import AXES
-from .candidate_kinds import MAP_KINDS
-from .candidates import Candidate
-from .distinct_places import Place
-from .driver_functions import IN_TIME
-from .outcome import Diagnosis
-from .unregistered import Causes
+from .candidates.candidate import Candidate
+from .findings.outcome import Diagnosis
+from .shapes.candidate_kinds import MAP_KINDS
+from .shapes.distinct_places import Place
+from .shapes.driver_functions import IN_TIME
+from .shapes.unregistered import Causes
 
 
 @dataclass(frozen=True, eq=False)

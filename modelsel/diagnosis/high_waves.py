@@ -20,14 +20,15 @@ from ..mechanisms.drives import HIGH_WAVES, WAVES, gear_ripple
 from ..mechanisms.motors import is_coupled
 from ..mechanisms.terms import Mechanism
 from ..mechanisms.waves import find_common_wave
-from .candidate_kinds import CandidateKind
-from .candidates import Candidate, find_cell_prior
+from .candidates.candidate import Candidate
+from .candidates.candidate_list import find_cell_prior
+from .findings.wave_aliases import list_aliases
+from .inference.wave_screen import Counts, see_remains
 from .reshaping import go_on_with
-from .simple_shapes import find_own_wave
-from .stepwise import Exploration
-from .unregistered import RARE_WEIGHT, build_wave
-from .wave_aliases import list_aliases
-from .wave_screen import Counts, see_remains
+from .search.stepwise import Exploration
+from .shapes.candidate_kinds import CandidateKind
+from .shapes.shape_constants import find_own_wave
+from .shapes.unregistered import RARE_WEIGHT, build_wave
 
 RIPPLE = "gear-ripple"
 # numbers that are screened: whole ones, and halves between, of gears ahead of the joint

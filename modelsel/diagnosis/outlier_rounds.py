@@ -15,18 +15,19 @@ from ..mechanisms.terms import Mechanism
 from ..selection.evaluation import Split
 from ..selection.structure_criterion import compute_trimmed_criterion
 from .base_fits import BaseFits
-from .candidates import Candidate, build_candidates
-from .outcome import Diagnosis
-from .outlier_runs import Steps, find_short_runs, propose_steps
-from .outliers import (
+from .candidates.candidate import Candidate
+from .candidates.candidate_list import build_candidates
+from .candidates.session_steps import place_steps
+from .faults.outlier_runs import Steps, find_short_runs, propose_steps
+from .faults.outliers import (
     GROSS_THRESHOLD,
     MAX_OUTLIER_SHARE,
     REFINED_THRESHOLD,
     find_far_rows,
     find_gross_outliers,
 )
+from .findings.outcome import Diagnosis
 from .separation import VERY_STRONG, Inquiry, separate
-from .session_steps import place_steps
 
 # rounds of outliers and names in turn
 MAX_ROUNDS = 3

@@ -35,14 +35,14 @@ from ..mechanisms.terms import Mechanism
 from ..selection.evaluation import Errors, Split, summarise_errors
 from ..selection.splits import assign_folds
 from .base_fits import keep_base
-from .candidates import Candidate
+from .candidates.candidate import Candidate
+from .candidates.options import DEFAULT_OPTIONS, DiagnosisOptions
 from .chosen_moments import choose_step_moments, list_scanned_steps
-from .options import DEFAULT_OPTIONS, DiagnosisOptions
-from .outcome import Diagnosis
+from .faults.outliers import MAX_OUTLIER_SHARE
+from .findings.outcome import Diagnosis
+from .findings.step_sides import find_open_sides, mark_open
 from .outlier_rounds import alternate, judge_rows
-from .outliers import MAX_OUTLIER_SHARE
 from .separation import Inquiry
-from .step_sides import find_open_sides, mark_open
 
 # configurations that are scanned at least, of many rows
 MIN_CONFIGURATIONS = 20

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 
 from ..fitting.least_squares import Fit
-from .candidates import Candidate
-from .claims import find_moved_joint, list_rivals_beside, weigh_alone
-from .contenders import gather_contenders
-from .evidence import compute_p_value
-from .joint_functions import list_joint_functions
-from .pair_waves import list_pair_waves
-from .state import LEVEL, Search
-from .stepwise import Exploration, explore_further
+from .candidates.candidate import Candidate
+from .findings.claims import find_moved_joint, list_rivals_beside, weigh_alone
+from .inference.evidence import compute_p_value
+from .rivals.contenders import gather_contenders
+from .rivals.joint_functions import list_joint_functions
+from .rivals.pair_waves import list_pair_waves
+from .search.state import LEVEL, Search
+from .search.stepwise import Exploration, explore_further
 
 # effects by their numbers, and what tells them better
 Better = tuple[tuple[int, ...], Candidate]

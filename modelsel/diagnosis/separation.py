@@ -32,17 +32,17 @@ from ..mechanisms.terms import Mechanism
 from ..selection.evaluation import Split
 from ..selection.structure_criterion import compute_criterion
 from .base_fits import TellBase, keep_base
-from .candidates import Candidate
+from .candidates.candidate import Candidate
+from .candidates.options import DEFAULT_OPTIONS, DiagnosisOptions
+from .columns.kept_causes import KeptCauses
 from .conclusion import conclude, prove
-from .driver_functions import IN_TIME
-from .effects import Effect
+from .findings.effects import Effect
+from .findings.outcome import Diagnosis, build_empty
 from .high_waves import find_high_waves
-from .kept_causes import KeptCauses
-from .options import DEFAULT_OPTIONS, DiagnosisOptions
-from .outcome import Diagnosis, build_empty
 from .reshaping import improve_shapes, look_closer
-from .state import Search, extend_model
-from .stepwise import Exploration, explore
+from .search.state import Search, extend_model
+from .search.stepwise import Exploration, explore
+from .shapes.driver_functions import IN_TIME
 
 # largest number of searches that continue from the parts which the one before has left: where there
 # are some, and where there are none

@@ -18,14 +18,14 @@ from ..fitting.design import measure_rounding, whitened
 from ..fitting.noise import Floor
 from ..measurements.measurements import Measurements
 from ..selection.evaluation import Evaluation, Split
-from .candidates import Candidate
-from .evidence import RATIOS
-from .outcome import Diagnosis
-from .residual_tests import find_together
-from .sentences import format_angle, format_length
-from .simulation_counts import REST_FLIPS
-from .state import LEVEL
-from .stated_probability import format_chance, format_probability, write_chance
+from .candidates.candidate import Candidate
+from .findings.outcome import Diagnosis
+from .findings.sentences import format_angle, format_length
+from .findings.stated_probability import format_chance, format_probability, write_chance
+from .inference.evidence import RATIOS
+from .inference.residual_tests import find_together
+from .inference.simulation_counts import REST_FLIPS
+from .search.state import LEVEL
 
 # length scales of the kernel, in units of the sines and cosines of all joints' angles together
 LENGTHS = (0.3, 0.6, 1.2, 2.4)

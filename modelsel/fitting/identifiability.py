@@ -10,8 +10,8 @@ from functools import cached_property
 import numpy as np
 
 from .._typing import Array
-from ..measurements.features import Feature
-from ..measurements.measurements import Gauges
+from ..measurements.campaign.features import Feature
+from ..measurements.gauges import Gauges
 from ..mechanisms.causes import ONE, Number
 from ..mechanisms.terms import Term
 from .problem import Problem

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array, Index
-from ..measurements.measurements import Gauges
+from ..measurements.gauges import Gauges
 from ..mechanisms.terms import FIXTURE_AXES
 
 LENGTH = FIXTURE_AXES.index("length")

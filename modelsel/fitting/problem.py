@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from .._arguments import check_numbers, check_type, name_type
 from .._typing import Array, Index, Rows
 from ..exceptions import ArgumentError, count_words
-from ..measurements.measurements import Gauges, Measurements
+from ..measurements.gauges import Gauges
+from ..measurements.measurements import Measurements
 from ..mechanisms.causes import Cause
 from ..mechanisms.terms import Term
 from ..robot.kinematics import Pose, Robot, pose

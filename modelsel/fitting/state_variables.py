@@ -11,11 +11,10 @@ import numpy as np
 from .._linalg import TINY
 from .._typing import Array, Rows
 from ..exceptions import StudyError
-from ..measurements.clock_history import LAGS
-from ..measurements.late_names import name_late
-from ..measurements.measurements import Measurements
-from ..measurements.reference_temperature import TEMPERATURE
-from ..measurements.state_names import (
+from ..measurements.campaign.clock_history import LAGS
+from ..measurements.campaign.late_names import name_late
+from ..measurements.campaign.reference_temperature import TEMPERATURE
+from ..measurements.campaign.state_names import (
     StateKind,
     StateVariable,
     covariate_unit,
@@ -23,6 +22,7 @@ from ..measurements.state_names import (
     parse_state_name,
     state_units,
 )
+from ..measurements.measurements import Measurements
 from ..mechanisms.causes import Cause
 from ..robot.kinematics import Pose, Robot, pose
 from . import weight_variables as weights

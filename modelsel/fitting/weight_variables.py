@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._typing import Array
-from ..measurements.state_names import StateKind, StateVariable
+from ..measurements.campaign.state_names import StateKind, StateVariable
 from ..robot.gravity import compute_base_moment, compute_joint_moments, compute_unit_moments
 
 if TYPE_CHECKING:

@@ -16,16 +16,23 @@ from ..exceptions import DataError, count_words
 from ..notices import Note
 from ..robot.coupling import Coupling, readings_of
 from ..robot.rigid import to_quaternion
-from .clock_history import derive_late, derive_since_rest
-from .column_names import list_named_columns
-from .continuous_motion import add_speed
-from .features import COORDINATES, KINDS, Feature, KindColumns, add_kind_columns, collect_features
-from .joint_path import JointPath
-from .motion import APPROACH_FROM_ORDER, MeasuredRows, Waypoints, describe_motion, trace_motion
-from .reference_temperature import REFERENCE, TEMPERATURE, choose_reference
-from .row_order import compute_progress
-from .row_places import Where
-from .visits import count_distinct, number_blocks, number_keys
+from .campaign.clock_history import derive_late, derive_since_rest
+from .campaign.continuous_motion import add_speed
+from .campaign.features import KINDS, Feature, KindColumns, add_kind_columns, collect_features
+from .campaign.joint_path import JointPath
+from .campaign.motion import (
+    APPROACH_FROM_ORDER,
+    MeasuredRows,
+    Waypoints,
+    describe_motion,
+    trace_motion,
+)
+from .campaign.reference_temperature import REFERENCE, TEMPERATURE, choose_reference
+from .campaign.row_order import compute_progress
+from .campaign.visits import count_distinct, number_blocks, number_keys
+from .formats.column_names import list_named_columns
+from .formats.row_places import Where
+from .gauges import Gauges
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,44 +40,6 @@ if TYPE_CHECKING:
 # names where the data name none
 ONE_TARGET = ("target",)
 ONE_GROUP = ("all",)
-
-
-@dataclass(frozen=True, eq=False)
-class Gauges:
-    """What m rows measure where not every row is a point: `kind` (m,) index into KINDS, `feature`
-    (m,) index into `features` (-1: none), `length` (m,) mm (nan: none); `origin`: for rows of kind
-    distance, where the length begins (the others: the row itself), None where there are none."""
-
-    kind: Index
-    feature: Index
-    length: Array
-    features: tuple[Feature, ...] = ()
-    origin: Measurements | None = None
-
-    @property
-    def coordinates(self) -> NDArray[np.bool_]:
-        """(m, 3) which coordinates of a row's residual are measured; a single number stands in the
-        first (y, z in their own)."""
-        return COORDINATES[self.kind]
-
-    def of(self, *kinds: str) -> NDArray[np.bool_]:
-        """Mask (m,) the rows of some kinds."""
-        numbers = []
-        for kind in kinds:
-            number = KINDS.index(kind)
-            numbers.append(number)
-        return np.isin(self.kind, numbers)
-
-    def take(self, index: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Gauges:
-        """Select some rows."""
-        origin = None if self.origin is None else self.origin.take(index)
-        return replace(
-            self,
-            kind=self.kind[index],
-            feature=self.feature[index],
-            length=self.length[index],
-            origin=origin,
-        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)

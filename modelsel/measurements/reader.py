@@ -19,10 +19,15 @@ from ..robot.files import load_robot
 from ..robot.kinematics import Robot
 from ..robot.rigid import from_quaternion
 from ..robot.urdf import read_joint_names
-from .absent_columns import refuse_absent_columns
-from .board_columns import convert_board_poses
-from .column_guesses import propose_columns
-from .columns import (
+from .campaign.features import KindColumns
+from .campaign.motion import Waypoints
+from .campaign.row_order import check_clock, choose_standstill, note_equal_orders
+from .campaign.visits import number_keys
+from .formats.row_places import Where
+from .formats.table import Source, Table, load_table, rename_columns
+from .measurements import Measurements, Orientation, build_measurements
+from .quantities.board_columns import convert_board_poses
+from .quantities.columns import (
     READING_UNITS,
     Mask,
     find_position_unit,
@@ -33,7 +38,7 @@ from .columns import (
     read_quantity,
     refuse_degrees,
 )
-from .contract_columns import (
+from .quantities.contract_columns import (
     JOINT_COLUMN,
     LABEL_COLUMNS,
     ROTATION_UNCERTAINTY_COLUMNS,
@@ -41,29 +46,24 @@ from .contract_columns import (
     check_mapping,
     list_contract_names,
 )
-from .covariates import read_covariates
-from .duplicates import describe_duplicates, find_copies, find_duplicates
-from .extent import refuse_wide_positions
-from .features import KindColumns
-from .measurements import Measurements, Orientation, build_measurements
-from .missed_rows import read_waypoints, split_missed, split_nothing
-from .motion import Waypoints
-from .observation_columns import (
+from .quantities.duplicates import describe_duplicates, find_copies, find_duplicates
+from .quantities.extent import refuse_wide_positions
+from .quantities.missed_rows import read_waypoints, split_missed, split_nothing
+from .quantities.observation_columns import (
     KIND_COLUMNS,
     read_kinds,
     read_positions,
     read_quaternions,
     read_uncertainties,
 )
-from .odd_uncertainties import note_odd_uncertainties
-from .orientation_columns import QUATERNION_COLUMNS, convert_orientations
-from .other_units import convert_mapped
-from .row_names import list_row_names
-from .row_order import check_clock, choose_standstill, note_equal_orders
-from .row_places import Where
-from .table import Source, Table, load_table, rename_columns
-from .unit_names import refuse_mapped_units, refuse_other_units
-from .visits import number_keys
+from .quantities.odd_uncertainties import note_odd_uncertainties
+from .quantities.orientation_columns import QUATERNION_COLUMNS, convert_orientations
+from .quantities.other_units import convert_mapped
+from .quantities.row_names import list_row_names
+from .quantities.unit_names import refuse_mapped_units, refuse_other_units
+from .recognition.absent_columns import refuse_absent_columns
+from .recognition.column_guesses import propose_columns
+from .recognition.covariates import read_covariates
 
 ROBOT_EXPECTED = "a Robot, the name of a built-in one, or for each joint whether it slides"
 # copies of a single number to one repeat that differs, from which they are taken for copies

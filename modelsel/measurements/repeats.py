@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._typing import Array, Index, Mask
+from .campaign.near_readings import are_near, compute_spread
+from .campaign.visits import SAME_READING
 from .measurements import Measurements
-from .near_readings import are_near, compute_spread
-from .visits import SAME_READING
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from ..exceptions import StudyError, suggest
-from ..measurements.state_names import find_nearest_width
+from ..measurements.campaign.state_names import find_nearest_width
 from .cause_functions import FUNCTIONS
 from .causes import Applied, Cause, Combined, Member, Named, Number
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..measurements.state_names import StateKind, state_kind
+from ..measurements.campaign.state_names import StateKind, state_kind
 from ..robot.gravity import declares_masses, find_arm_pair, find_gravity_joints
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES

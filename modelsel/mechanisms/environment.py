@@ -10,8 +10,8 @@ import numpy as np
 
 from .._typing import Array
 from ..exceptions import write_percent
-from ..measurements.late_names import is_temperature, name_late
-from ..measurements.reference_temperature import REFERENCE, TEMPERATURE
+from ..measurements.campaign.late_names import is_temperature, name_late
+from ..measurements.campaign.reference_temperature import REFERENCE, TEMPERATURE
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
 from .causes import Applied, Bump, Cause, Combined, Named, Number, shifted, sign

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..measurements.features import Feature
+from ..measurements.campaign.features import Feature
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
 from .causes import ONE, Cause, Member, belongs_to_target

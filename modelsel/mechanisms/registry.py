@@ -12,7 +12,7 @@ from typing import Any
 
 from .._arguments import check_type, describe_value, name_type
 from ..exceptions import StudyError, one_line, suggest
-from ..measurements.reference_temperature import REFERENCE
+from ..measurements.campaign.reference_temperature import REFERENCE
 from ..robot.files import as_robot
 from ..robot.gravity import find_bearing_joints
 from ..robot.kinematics import Robot

@@ -11,7 +11,7 @@ from typing import Any
 from .._progress import News, keep_silent
 from .._typing import Say
 from ..exceptions import StudyError, suggest
-from ..measurements.row_places import Where, where_from_record
+from ..measurements.formats.row_places import Where, where_from_record
 from ..results.details_schema import DetailsRecord
 from ..results.schema import StudyRecord
 

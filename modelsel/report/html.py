@@ -10,7 +10,7 @@ from importlib.resources import files
 from string import Template
 from typing import Any
 
-from ..diagnosis.sentences import PREFIXES
+from ..diagnosis.findings.sentences import PREFIXES
 from ..results.details_schema import DetailsRecord
 from ..results.finding_advice import advise
 from ..results.finding_schema import EntryRecord, FindingRecord

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from ..diagnosis.sentences import choose_prefix
+from ..diagnosis.findings.sentences import choose_prefix
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

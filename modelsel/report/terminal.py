@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from enum import Enum
 from typing import TYPE_CHECKING
 
-from ..diagnosis.name_legend import explain_names
+from ..diagnosis.findings.name_legend import explain_names
 from ..exceptions import count_words, number_repeated, sentence_list, write_numbered
-from ..measurements.row_places import where_from_record
+from ..measurements.formats.row_places import where_from_record
 from ..notices import ALARMS
 from ..results.details_schema import DetailsRecord
 from ..results.placements import describe_placements

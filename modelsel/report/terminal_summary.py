@@ -6,10 +6,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from ..diagnosis.signatures import PROVEN
-from ..diagnosis.stated_probability import format_probability
+from ..diagnosis.candidates.signatures import PROVEN
+from ..diagnosis.findings.stated_probability import format_probability
 from ..exceptions import choice_list, sentence_list
-from ..measurements.row_places import where_from_record
+from ..measurements.formats.row_places import where_from_record
 from ..notices import ALARMS
 from ..results.details_schema import DetailsRecord, FindingDetailsRecord
 from ..results.finding_schema import BEYOND, BEYOND_WORDS, FindingRecord

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .._typing import Array
-from ..diagnosis.springs_apart import SpringsApart
-from ..diagnosis.whole_torques import find_load
+from ..diagnosis.findings.springs_apart import SpringsApart
+from ..diagnosis.shapes.whole_torques import find_load
 from ..mechanisms.beams import name_moments
 from ..mechanisms.bending import LINK_BENDING
 from ..mechanisms.causes import torque

@@ -16,8 +16,8 @@ from .._records import parse_record
 from .._typing import Array, Index
 from ..fitting.design import directions, field_of, residuals
 from ..fitting.problem import Problem
+from ..measurements.campaign.reference_temperature import TEMPERATURE
 from ..measurements.measurements import Measurements
-from ..measurements.reference_temperature import TEMPERATURE
 from .arm_details import describe_arm, describe_meanings, find_middling_row
 from .details_schema import DetailsRecord
 from .finding_postures import describe_postures

@@ -7,11 +7,11 @@ from __future__ import annotations
 from math import inf
 from typing import NamedTuple
 
-from ..diagnosis.claim_sentences import name_drivers
-from ..diagnosis.data_faults import FaultKind
-from ..diagnosis.signatures import LEVELS
+from ..diagnosis.candidates.fault_kinds import FaultKind
+from ..diagnosis.candidates.signatures import LEVELS
+from ..diagnosis.findings.claim_sentences import name_drivers
 from ..exceptions import one_line, sentence_list
-from ..measurements.state_names import parse_state_name
+from ..measurements.campaign.state_names import parse_state_name
 from ..mechanisms.compliance import PAYLOAD
 from ..mechanisms.instrument import MISREADINGS
 from ..selection.gain import Change

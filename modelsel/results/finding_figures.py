@@ -11,9 +11,9 @@ import numpy as np
 
 from .._random import generator
 from .._typing import Array
-from ..diagnosis.effects import Effect
-from ..diagnosis.sentences import format_angle, format_length
-from ..diagnosis.signatures import SHAPELESS
+from ..diagnosis.candidates.signatures import SHAPELESS
+from ..diagnosis.findings.effects import Effect
+from ..diagnosis.findings.sentences import format_angle, format_length
 from ..exceptions import sentence_list
 from ..fitting.least_squares import Fit
 from ..fitting.noise import RAD_PER_MM

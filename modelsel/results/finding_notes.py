@@ -7,18 +7,18 @@ from collections.abc import Sequence
 import numpy as np
 
 from .._typing import Array, Mask
-from ..diagnosis.candidates import exceeds_cell_limit
-from ..diagnosis.confounded_covariates import find_confounded
-from ..diagnosis.outcome import Diagnosis
-from ..diagnosis.payload_places import find_places
-from ..diagnosis.sentences import format_length
-from ..diagnosis.signatures import LEVELS, PROVEN
-from ..diagnosis.stated_probability import format_chance
+from ..diagnosis.candidates.candidate_list import exceeds_cell_limit
+from ..diagnosis.candidates.signatures import LEVELS, PROVEN
+from ..diagnosis.findings.outcome import Diagnosis
+from ..diagnosis.findings.payload_places import find_places
+from ..diagnosis.findings.sentences import format_length
+from ..diagnosis.findings.stated_probability import format_chance
+from ..diagnosis.rivals.confounded_covariates import find_confounded
 from ..exceptions import sentence_list
 from ..fitting.problem import Problem
-from ..measurements.late_names import list_sources
+from ..measurements.campaign.late_names import list_sources
+from ..measurements.campaign.state_names import FROM_INSTRUMENT
 from ..measurements.measurements import Measurements
-from ..measurements.state_names import FROM_INSTRUMENT
 from ..notices import Note
 from ..selection.evaluation import Evaluation, Split, compare_held_out, find_far_held_out
 from .finding_records import Finding

@@ -9,22 +9,22 @@ from typing import Any
 import numpy as np
 
 from .._typing import Array
-from ..diagnosis.candidates import Candidate
-from ..diagnosis.claim_sentences import (
+from ..diagnosis.candidates.candidate import Candidate
+from ..diagnosis.candidates.signatures import LEVELS
+from ..diagnosis.faults.data_faults import Fault, find_concerned_rows
+from ..diagnosis.findings.claim_sentences import (
     ClaimedLevel,
     describe_claim,
     describe_levels,
     describe_proven,
     is_settled,
 )
-from ..diagnosis.credible_sets import Entry
-from ..diagnosis.data_faults import Fault, find_concerned_rows
-from ..diagnosis.effects import Effect
-from ..diagnosis.sentences import list_usual_causes
-from ..diagnosis.signatures import LEVELS
+from ..diagnosis.findings.effects import Effect
+from ..diagnosis.findings.sentences import list_usual_causes
+from ..diagnosis.inference.credible_sets import Entry
 from ..exceptions import write_rounded
 from ..fitting.problem import Problem
-from ..measurements.contract_columns import KNOWN_COVARIATES
+from ..measurements.quantities.contract_columns import KNOWN_COVARIATES
 from ..mechanisms.causes import Cause, find_bump
 from ..mechanisms.terms import Term
 from ..selection.gain import Change, Gain, OrientationGain

@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from .._records import Number, Pair, StrictRecord, Text, Whole
-from ..diagnosis.signatures import PROVEN
-from ..diagnosis.stated_probability import find_named_level
+from ..diagnosis.candidates.signatures import PROVEN
+from ..diagnosis.findings.stated_probability import find_named_level
 from ..selection.gain import Change, Gain, OrientationGain
 from .record_types import Axis, Figure, Texts
 

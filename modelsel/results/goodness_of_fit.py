@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from .._typing import Array
-from ..diagnosis.sentences import format_length
+from ..diagnosis.findings.sentences import format_length
 from ..diagnosis.unexplained import MIN_FLOOR_FREEDOM, STATED_FLOOR_FREEDOM
 from ..fitting.design import whitened
 from ..fitting.least_squares import Fit

@@ -16,7 +16,7 @@ import numpy as np
 
 from .._typing import Array
 from ..diagnosis.error_map import ErrorMap
-from ..diagnosis.scan import compute_basis
+from ..diagnosis.inference.scan import compute_basis
 from ..fitting.design import PLACE, blocks, field_of
 from ..fitting.problem import Problem
 from ..mechanisms.causes import Cause, Named

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 from .._random import generator
 from .._typing import Array
-from ..diagnosis.outcome import Diagnosis
+from ..diagnosis.findings.outcome import Diagnosis
 from ..selection.evaluation import Evaluation, Split, mark_oriented
 from ..selection.gain import ResampledErrors, resample_errors
 from .finding_figures import bind_effects, find_mm_per_rad, find_worst, find_worst_turn

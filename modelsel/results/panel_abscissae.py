@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from .._typing import Array
-from ..measurements.state_names import StateKind, StateVariable, parse_state_name
+from ..measurements.campaign.state_names import StateKind, StateVariable, parse_state_name
 from ..mechanisms.causes import Applied, Bump, Cause, Named
 from ..mechanisms.waves import find_common_wave, read_wave
 

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from .._typing import Array, Index
-from ..diagnosis.claim_sentences import describe_what
-from ..diagnosis.data_faults import Fault
-from ..diagnosis.distinct_places import Place
-from ..diagnosis.sentences import label_effect
+from ..diagnosis.faults.data_faults import Fault
+from ..diagnosis.findings.claim_sentences import describe_what
+from ..diagnosis.findings.sentences import label_effect
+from ..diagnosis.shapes.distinct_places import Place
 from ..exceptions import one_line, sentence_list
 from ..fitting.design import PLACE, compute_columns
 from ..fitting.problem import Problem

@@ -10,7 +10,7 @@ from math import floor, log10
 
 from .._short_numbers import round_numbers
 from ..calibration.mechanism_changes import GEOMETRY_NAMES
-from ..diagnosis.sentences import choose_prefix
+from ..diagnosis.findings.sentences import choose_prefix
 from .details_schema import DetailsRecord, MeaningRecord
 from .model_schema import ParameterRecord
 from .schema import StudyRecord

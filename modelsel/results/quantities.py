@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..diagnosis.sentences import choose_prefix
+from ..diagnosis.findings.sentences import choose_prefix
 from ..exceptions import write_rounded
 from .workspace import Range
 

@@ -12,12 +12,12 @@ from .._records import parse_record
 from .._short_numbers import round_numbers
 from ..calibration.calibration import calibrate
 from ..calibration.held_out_uncertainty import measure_held_out_uncertainty
-from ..diagnosis.candidates import Candidate
-from ..diagnosis.claim_sentences import is_settled, list_likelier, tell_rest
-from ..diagnosis.effects import Effect
-from ..diagnosis.rival_names import NAMED_RIVALS, list_rival_labels, list_twin_labels
-from ..diagnosis.sentences import label_effect, say_shape, weigh_listed
-from ..diagnosis.signatures import PROVEN
+from ..diagnosis.candidates.candidate import Candidate
+from ..diagnosis.candidates.signatures import PROVEN
+from ..diagnosis.findings.claim_sentences import is_settled, list_likelier, tell_rest
+from ..diagnosis.findings.effects import Effect
+from ..diagnosis.findings.rival_names import NAMED_RIVALS, list_rival_labels, list_twin_labels
+from ..diagnosis.findings.sentences import label_effect, say_shape, weigh_listed
 from ..measurements.measurements import Measurements
 from ..mechanisms.terms import Mechanism
 from ..notices import HOPELESS_FIT, Note

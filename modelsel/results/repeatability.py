@@ -21,7 +21,7 @@ from .._part_names import (
     name_rows,
 )
 from .._typing import Array
-from ..diagnosis.sentences import choose_prefix
+from ..diagnosis.findings.sentences import choose_prefix
 from ..exceptions import sentence_list, write_rounded
 from ..fitting.error_structure import ErrorPart, ErrorStructure
 from ..fitting.noise import Floor

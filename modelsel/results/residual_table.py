@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..exceptions import StudyError
-from ..measurements.table import parquet_errors
+from ..measurements.formats.table import parquet_errors
 
 RESIDUALS = "residuals.parquet"
 HASHES = ("data_sha256", "study_sha256")

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config.study_file import Study
-from ..diagnosis.data_faults import Fault
 from ..diagnosis.error_map import ErrorMap
-from ..diagnosis.outcome import Diagnosis
+from ..diagnosis.faults.data_faults import Fault
+from ..diagnosis.findings.outcome import Diagnosis
 from ..diagnosis.procedure import Nested
 from ..diagnosis.unexplained import DetectionLimit, Predictable
 from ..exceptions import count_words

@@ -8,17 +8,17 @@ from collections.abc import Sequence
 from math import copysign
 
 from .._short_numbers import round_numbers
-from ..diagnosis.signatures import PROVEN
-from ..diagnosis.simulation_counts import REST_FLIPS
-from ..diagnosis.stated_probability import (
+from ..diagnosis.candidates.signatures import PROVEN
+from ..diagnosis.findings.stated_probability import (
     describe_level_probability,
     find_named_level,
     format_probability,
     scale_listed,
     write_chance,
 )
+from ..diagnosis.inference.simulation_counts import REST_FLIPS
 from ..exceptions import write_percent, write_rounded
-from ..measurements.row_places import Where
+from ..measurements.formats.row_places import Where
 from ..notices import HOPELESS_FIT, list_alarms
 from .finding_schema import EntryRecord, FindingRecord
 from .model_schema import RungRecord, WeighedModelRecord

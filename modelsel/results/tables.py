@@ -7,7 +7,7 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 from .._records import StrictRecord
-from ..diagnosis.stated_probability import format_probability
+from ..diagnosis.findings.stated_probability import format_probability
 from ..exceptions import write_numbered, write_rounded
 from .finding_schema import FindingRecord
 from .model_schema import RungRecord

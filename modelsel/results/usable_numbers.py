@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..diagnosis.sentences import has_contrary_signs, is_wave
-from ..diagnosis.torque_functions import find_loaded_joint
+from ..diagnosis.findings.sentences import has_contrary_signs, is_wave
+from ..diagnosis.findings.torque_functions import find_loaded_joint
 from ..fitting.design import PLACE
-from ..measurements.reference_temperature import TEMPERATURE
-from ..measurements.state_names import StateKind, parse_state_name
+from ..measurements.campaign.reference_temperature import TEMPERATURE
+from ..measurements.campaign.state_names import StateKind, parse_state_name
 from ..mechanisms.causes import Bump, Cause, Combined, Named
 from ..mechanisms.environment import find_references
 from ..mechanisms.motors import name_drive

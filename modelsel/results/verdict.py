@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from math import hypot
 from typing import NamedTuple
 
-from ..diagnosis.sentences import format_angle
+from ..diagnosis.findings.sentences import format_angle
 from ..exceptions import choice_list, sentence_list, write_rounded
 from ..fitting.noise import Floor
 from ..selection.evaluation import Evaluation

@@ -16,7 +16,7 @@ from .._linalg import TINY
 from .._typing import Array, Index
 from ..fitting.design import PLACE, compute_columns, field_of
 from ..fitting.problem import Problem
-from ..measurements.reference_temperature import TEMPERATURE
+from ..measurements.campaign.reference_temperature import TEMPERATURE
 from ..mechanisms.causes import Cause
 from ..mechanisms.terms import Term
 from ..robot.kinematics import Pose

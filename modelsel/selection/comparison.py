@@ -115,7 +115,7 @@ def compare_subsets(
     scanned: int = 0,
     options: SearchOptions = DEFAULT_SEARCH,
 ) -> SubsetComparison:
-    """Compare all subsets of the candidates (see `diagnosis.candidates.choose_strongest`) on a base, linear about the base's fit.
+    """Compare all subsets of the candidates (see `diagnosis.candidates.candidate_list.choose_strongest`) on a base, linear about the base's fit.
 
     Of more than MAX_EXHAUSTIVE candidates the best by BIC, certified or not, and its neighbours
     are compared. Every criterion is that of the ladder's models, of a known σ where the study

@@ -10,8 +10,8 @@ import numpy as np
 from .._arguments import check_sliding, check_type, check_whole_number
 from .._typing import Array, Index, Mask
 from ..exceptions import ArgumentError
+from ..measurements.campaign.visits import order_units
 from ..measurements.measurements import Measurements
-from ..measurements.visits import order_units
 
 # exchanges per square root of the number of estimation blocks
 MAX_EXCHANGES = 40

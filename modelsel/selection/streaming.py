@@ -23,11 +23,11 @@ from ..fitting.least_squares import Fit, fit
 from ..fitting.linearisation import Linearisation
 from ..fitting.problem import Problem
 from ..fitting.reduction import Reduction, Source, merged, reduce_problem
+from ..measurements.campaign.state_names import StateKind, state_kind
+from ..measurements.campaign.visits import SAME_READING
+from ..measurements.formats.table import count_row_groups
 from ..measurements.measurements import Measurements
 from ..measurements.reader import read_measurements
-from ..measurements.state_names import StateKind, state_kind
-from ..measurements.table import count_row_groups
-from ..measurements.visits import SAME_READING
 from ..mechanisms.terms import Mechanism, Term
 from ..robot.kinematics import Robot
 from .cross_validation import CrossValidation, FoldedData, cross_validate, pad_blocks

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._typing import Array, Index, Mask
-from ..measurements.nearest_times import Clocks, find_nearest_times
+from ..measurements.pairing.nearest_times import Clocks, find_nearest_times
 from ..robot.kinematics import Robot, pose
 
 # points, readings and offsets that are examined, spread over the files

@@ -17,7 +17,7 @@ from ..exceptions import NotEstimable, count_words
 from ..fitting.design import residuals
 from ..fitting.observation import Fixtures
 from ..fitting.problem import Problem
-from ..measurements.features import Feature
+from ..measurements.campaign.features import Feature
 from ..measurements.measurements import Measurements
 from ..robot.rigid import align_z
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from .._typing import Mask
 from ..fitting.problem import Problem
-from ..measurements.visits import count_distinct
+from ..measurements.campaign.visits import count_distinct
 from .explanations import (
     Explanation,
     apply_correction,

@@ -11,7 +11,7 @@ from .._typing import Index, Mask
 from ..exceptions import write_rounded
 from ..fitting.design import residuals
 from ..fitting.problem import Problem
-from ..measurements.visits import count_distinct
+from ..measurements.campaign.visits import count_distinct
 from ..robot.alignment import have_same_chain
 from ..robot.kinematics import Robot
 from .improvement import BAD_SHARE, MIN_IMPROVEMENT, describe_improvement

@@ -8,8 +8,8 @@ import numpy as np
 
 from .._typing import Array
 from ..calibration.other_sides import OtherSide, is_misreading
-from ..diagnosis.credible_sets import Entry
-from ..diagnosis.effects import Effect
+from ..diagnosis.findings.effects import Effect
+from ..diagnosis.inference.credible_sets import Entry
 from ..fitting.design import assemble
 from ..fitting.problem import Problem
 from ..mechanisms.terms import Mechanism

@@ -13,10 +13,10 @@ from .._progress import keep_silent
 from .._typing import Say
 from ..config.study_file import Study
 from ..diagnosis.base_fits import keep_base
-from ..diagnosis.candidates import Candidate
-from ..diagnosis.options import DiagnosisOptions
-from ..diagnosis.outcome import Diagnosis
-from ..diagnosis.prior_weights import weigh_outcomes
+from ..diagnosis.candidates.candidate import Candidate
+from ..diagnosis.candidates.options import DiagnosisOptions
+from ..diagnosis.candidates.prior_weights import weigh_outcomes
+from ..diagnosis.findings.outcome import Diagnosis
 from ..diagnosis.separation import Inquiry
 from ..fitting.design import Model
 from ..fitting.noise import Floor

@@ -12,8 +12,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ..diagnosis.data_faults import Fault
-from ..diagnosis.mistaken_rows import describe_slip_before_fit, describe_slips
+from ..diagnosis.faults.data_faults import Fault
+from ..diagnosis.faults.mistaken_rows import describe_slip_before_fit, describe_slips
 from ..exceptions import NotEstimable, sentence_list, write_percent, write_rounded
 from ..fitting.least_squares import Fit
 from ..fitting.noise import Floor

@@ -11,14 +11,14 @@ import numpy as np
 
 from .._typing import Array
 from ..exceptions import DataError, ModelselError, write_rounded
-from ..measurements.clock_offset import find_clock_offset
-from ..measurements.columns import UNITS, convert_to_numbers
-from ..measurements.contract_columns import list_contract_names
-from ..measurements.joining import Join, find_joins
-from ..measurements.nearest_times import Clocks, find_nearest_times, read_clocks
-from ..measurements.other_units import convert_mapped
-from ..measurements.row_order import choose_standstill
-from ..measurements.table import Table
+from ..measurements.campaign.row_order import choose_standstill
+from ..measurements.formats.table import Table
+from ..measurements.pairing.clock_offset import find_clock_offset
+from ..measurements.pairing.joining import Join, find_joins
+from ..measurements.pairing.nearest_times import Clocks, find_nearest_times, read_clocks
+from ..measurements.quantities.columns import UNITS, convert_to_numbers
+from ..measurements.quantities.contract_columns import list_contract_names
+from ..measurements.quantities.other_units import convert_mapped
 from ..robot.kinematics import Robot
 from ..setup.clock_fit import MIN_POINTS, ClockFit, fit_clock_offset
 from ..setup.other_robots import MAX_REACH_SHARE

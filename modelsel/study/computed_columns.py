@@ -14,7 +14,7 @@ from .._typing import Array
 from ..fitting.component_noise import POSITION
 from ..fitting.design import residuals
 from ..fitting.problem import Problem
-from ..measurements.contract_columns import KNOWN_COVARIATES
+from ..measurements.quantities.contract_columns import KNOWN_COVARIATES
 from ..notices import Note
 
 # what is left of a column's variance, by deviations beside what another frame and tool change in

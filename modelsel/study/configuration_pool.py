@@ -13,8 +13,8 @@ from .._random import generator
 from .._typing import Array
 from ..calibration.calibration import Calibration
 from ..exceptions import StudyError, sentence_list, suggest
-from ..measurements.columns import READING_UNITS, UNITS
 from ..measurements.measurements import Measurements, build_measurements
+from ..measurements.quantities.columns import READING_UNITS, UNITS
 from ..robot.kinematics import Robot
 
 COLLISIONS = (

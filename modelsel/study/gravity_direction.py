@@ -12,7 +12,7 @@ from ..exceptions import sentence_list, write_percent
 from ..fitting.least_squares import Fit
 from ..fitting.problem import Problem
 from ..fitting.shrinkage import fit_shrunk
-from ..measurements.state_names import needs_gravity
+from ..measurements.campaign.state_names import needs_gravity
 from ..mechanisms.terms import Mechanism
 from ..notices import Note
 from ..results.finding_records import Finding

@@ -8,8 +8,8 @@ from itertools import pairwise
 
 from .._random import generator
 from ..config.study_file import Study
-from ..diagnosis.outcome import Diagnosis
-from ..diagnosis.state import extend_model
+from ..diagnosis.findings.outcome import Diagnosis
+from ..diagnosis.search.state import extend_model
 from ..results.finding_records import Finding
 from ..selection.evaluation import Evaluation, Split, evaluate
 from ..selection.gain import Gain, ResampledErrors, resample_errors

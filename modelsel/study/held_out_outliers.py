@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from .._typing import Array, Index, Mask
-from ..diagnosis.mistaken_rows import explain_rows
-from ..diagnosis.outliers import GROSS_THRESHOLD, MAX_OUTLIER_SHARE, find_far_rows
+from ..diagnosis.faults.mistaken_rows import explain_rows
+from ..diagnosis.faults.outliers import GROSS_THRESHOLD, MAX_OUTLIER_SHARE, find_far_rows
 from ..fitting.design import compute_design, whitened
 from ..fitting.error_structure import ErrorStructure
 from ..fitting.least_squares import Fit

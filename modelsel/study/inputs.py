@@ -14,13 +14,13 @@ from ..config.readable_part import ReadablePart
 from ..config.study_file import Study, find_data, find_source, read_study
 from ..exceptions import StudyError, count_words
 from ..fitting.problem import Problem
-from ..measurements.clock_history import find_lags
+from ..measurements.campaign.clock_history import find_lags
+from ..measurements.campaign.reference_temperature import TEMPERATURE
+from ..measurements.formats.table import load_table, rename_columns
+from ..measurements.formats.text_table import check_file
+from ..measurements.known_features import KnownFeature, apply_known_features
 from ..measurements.measurements import Measurements
-from ..measurements.observation_columns import KnownFeature, apply_known_features
 from ..measurements.reader import read_labels, read_measurements
-from ..measurements.reference_temperature import TEMPERATURE
-from ..measurements.table import load_table, rename_columns
-from ..measurements.text_table import check_file
 from ..mechanisms.campaign_registry import (
     set_gear_ratios,
     set_reference,

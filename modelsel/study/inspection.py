@@ -16,9 +16,9 @@ from ..fitting.prior import fitted_terms
 from ..fitting.problem import Problem
 from ..fitting.reduction import reduce_problem
 from ..fitting.undetermined import describe_unidentifiable
-from ..measurements.features import KINDS
+from ..measurements.campaign.features import KINDS
+from ..measurements.campaign.visits import count_distinct
 from ..measurements.measurements import Measurements
-from ..measurements.visits import count_distinct
 from ..mechanisms.geometry import build_setup, geometric
 from ..notices import SETUP_MISTAKE, Note, list_alarms
 from ..results.placements import locate_placements

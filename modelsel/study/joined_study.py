@@ -8,13 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from ..exceptions import DataError, write_rounded
-from ..measurements.columns import convert_to_numbers
-from ..measurements.file_form import FileForm
-from ..measurements.full_names import split_full_names
-from ..measurements.headerless_columns import name_columns
-from ..measurements.join_sentences import describe_join
-from ..measurements.joined_waypoints import add_waypoints
-from ..measurements.joining import (
+from ..measurements.formats.file_form import FileForm
+from ..measurements.formats.full_names import split_full_names
+from ..measurements.formats.table import DataFile, Table, load_table
+from ..measurements.pairing.join_sentences import describe_join
+from ..measurements.pairing.joined_waypoints import add_waypoints
+from ..measurements.pairing.joining import (
     WAYS,
     Join,
     find_joins,
@@ -24,8 +23,13 @@ from ..measurements.joining import (
     refuse_join,
     refuse_swapped,
 )
-from ..measurements.point_times import find_common_seconds, find_times, list_clock_columns
-from ..measurements.table import DataFile, Table, load_table
+from ..measurements.quantities.columns import convert_to_numbers
+from ..measurements.quantities.point_times import (
+    find_common_seconds,
+    find_times,
+    list_clock_columns,
+)
+from ..measurements.recognition.headerless_columns import name_columns
 from ..robot.kinematics import Robot
 from ..setup.other_robots import MAX_REACH_SHARE
 from .clock_search import advise_on_clocks, check_clocks

@@ -9,11 +9,16 @@ from collections.abc import Sequence
 from itertools import groupby
 
 from ..exceptions import DataError, count_words, one_line, sentence_list
-from ..measurements.column_guesses import Choice, find_spoilt_cell, is_numeric, merge_columns
-from ..measurements.column_names import AXES, ColumnName, parse_column_name
-from ..measurements.contract_columns import list_contract_names
-from ..measurements.numbered_joints import describe_missing_joints, find_numbered_joints
-from ..measurements.table import Table
+from ..measurements.formats.column_names import AXES, ColumnName, parse_column_name
+from ..measurements.formats.table import Table
+from ..measurements.quantities.contract_columns import list_contract_names
+from ..measurements.quantities.numbered_joints import describe_missing_joints, find_numbered_joints
+from ..measurements.recognition.column_guesses import (
+    Choice,
+    find_spoilt_cell,
+    is_numeric,
+    merge_columns,
+)
 from ..robot.kinematics import Robot
 from ..robot.urdf import read_joint_names
 

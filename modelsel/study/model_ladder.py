@@ -7,10 +7,10 @@ from dataclasses import replace
 
 from .._typing import Array
 from ..config.study_file import Study
-from ..diagnosis.candidates import Candidate
+from ..diagnosis.candidates.candidate import Candidate
 from ..diagnosis.chosen_moments import choose_step_moments, list_scanned_steps
-from ..diagnosis.outcome import Diagnosis
-from ..diagnosis.state import extend_model
+from ..diagnosis.findings.outcome import Diagnosis
+from ..diagnosis.search.state import extend_model
 from ..diagnosis.unexplained import is_subsampled
 from ..fitting.design import Model
 from ..fitting.least_squares import fit

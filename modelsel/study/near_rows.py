@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from .._typing import Array, Index
 from ..exceptions import count_words, write_percent
+from ..measurements.campaign.near_readings import describe_returns
+from ..measurements.campaign.visits import SAME_READING
 from ..measurements.measurements import Measurements
-from ..measurements.near_readings import describe_returns
-from ..measurements.visits import SAME_READING
 from ..notices import Note
 
 # configurations of either kind from which distances say something

@@ -9,27 +9,33 @@ from itertools import chain, product
 import numpy as np
 
 from ..exceptions import ModelselError, choice_list, count_words, write_rounded
-from ..measurements.column_guesses import (
+from ..measurements.formats.gear_ratios import GearRatios, find_gear_ratios
+from ..measurements.formats.table import DataFile, Table, load_table, rename_columns
+from ..measurements.measurements import Measurements
+from ..measurements.quantities.contract_columns import list_contract_names
+from ..measurements.quantities.missed_rows import split_missed, take_rows
+from ..measurements.quantities.orientation_columns import ORIENTATION_COLUMNS
+from ..measurements.quantities.other_units import convert_mapped, convert_units
+from ..measurements.reader import read_measurements
+from ..measurements.recognition.column_guesses import (
     Choice,
     Reading,
     guess_columns,
     merge_columns,
     name_originals,
 )
-from ..measurements.contract_columns import list_contract_names
-from ..measurements.gear_ratios import GearRatios, find_gear_ratios
-from ..measurements.grad_columns import JOINTS, Meaning, keep_meaning, name_meanings, offer_meanings
-from ..measurements.headerless_columns import is_headerless, list_orders
-from ..measurements.measurements import Measurements
-from ..measurements.missed_rows import split_missed, take_rows
-from ..measurements.optional_columns import guess_optional_columns
-from ..measurements.orientation_columns import ORIENTATION_COLUMNS
-from ..measurements.orientation_guesses import guess_orientation
-from ..measurements.other_units import convert_mapped, convert_units
-from ..measurements.reader import read_measurements
-from ..measurements.table import DataFile, Table, load_table, rename_columns
-from ..measurements.uncausal_columns import SENTENCES as UNCAUSAL
-from ..measurements.uncausal_columns import find_uncausal_columns
+from ..measurements.recognition.grad_columns import (
+    JOINTS,
+    Meaning,
+    keep_meaning,
+    name_meanings,
+    offer_meanings,
+)
+from ..measurements.recognition.headerless_columns import is_headerless, list_orders
+from ..measurements.recognition.optional_columns import guess_optional_columns
+from ..measurements.recognition.orientation_guesses import guess_orientation
+from ..measurements.recognition.uncausal_columns import SENTENCES as UNCAUSAL
+from ..measurements.recognition.uncausal_columns import find_uncausal_columns
 from ..robot.kinematics import Robot
 from ..robot.urdf import read_joint_names
 from ..setup.other_robots import MAX_REACH_SHARE

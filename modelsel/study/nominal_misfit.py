@@ -7,8 +7,8 @@ import numpy as np
 
 from ..exceptions import DataError, NotEstimable, sentence_list, write_rounded
 from ..fitting.problem import Problem
+from ..measurements.campaign.row_order import choose_standstill
 from ..measurements.measurements import Measurements
-from ..measurements.row_order import choose_standstill
 from ..robot.kinematics import Robot
 from ..setup.measured_orientations import describe_orientation_mistake
 from ..setup.other_robots import (

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ..diagnosis.effects import Effect
-from ..diagnosis.step_sides import OpenSide, find_open_sides, mark_open
+from ..diagnosis.findings.effects import Effect
+from ..diagnosis.findings.step_sides import OpenSide, find_open_sides, mark_open
 from ..exceptions import count_words, one_line
 from ..notices import STEP_SIDE_OPEN, Note
 from ..selection.evaluation import Evaluation, Split

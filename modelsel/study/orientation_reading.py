@@ -10,9 +10,9 @@ import numpy as np
 from .._typing import Array
 from ..exceptions import ModelselError
 from ..fitting.problem import Problem
-from ..measurements.column_guesses import Choice, Reading
+from ..measurements.formats.table import Source
 from ..measurements.reader import read_measurements
-from ..measurements.table import Source
+from ..measurements.recognition.column_guesses import Choice, Reading
 from ..robot.kinematics import Robot
 from ..robot.rigid import nearest_rotation, rotation_vector
 from ..setup.measured_orientations import GOOD_ANGLE

@@ -12,9 +12,9 @@ import numpy as np
 from .._typing import Array
 from ..config.study_file import Study
 from ..diagnosis.base_fits import keep_base
-from ..diagnosis.candidates import Candidate
-from ..diagnosis.options import DiagnosisOptions
-from ..diagnosis.outcome import Diagnosis
+from ..diagnosis.candidates.candidate import Candidate
+from ..diagnosis.candidates.options import DiagnosisOptions
+from ..diagnosis.findings.outcome import Diagnosis
 from ..diagnosis.procedure import diagnose_split
 from ..diagnosis.separation import Inquiry
 from ..fitting.component_noise import POSITION, ROTATION, compare_noise, scale_noise

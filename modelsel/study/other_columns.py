@@ -12,19 +12,24 @@ from numpy.typing import NDArray
 
 from .._names import is_plain_word
 from ..exceptions import one_line, sentence_list
-from ..measurements.column_guesses import Reading
-from ..measurements.column_names import parse_column_name
-from ..measurements.columns import convert_to_numbers, describe_cell
-from ..measurements.contract_columns import (
+from ..measurements.formats.column_names import parse_column_name
+from ..measurements.formats.table import Table
+from ..measurements.measurements import Measurements
+from ..measurements.quantities.columns import convert_to_numbers, describe_cell
+from ..measurements.quantities.contract_columns import (
     KNOWN_COVARIATES,
     UNCERTAINTY_COLUMNS,
     list_contract_names,
 )
-from ..measurements.measurements import Measurements
-from ..measurements.orientation_columns import QUATERNION_COLUMNS
-from ..measurements.point_times import DATE_WORDS, TIME_WORDS, are_clock_times, find_date_column
-from ..measurements.table import Table
-from ..measurements.uncausal_columns import find_uncertainties
+from ..measurements.quantities.orientation_columns import QUATERNION_COLUMNS
+from ..measurements.quantities.point_times import (
+    DATE_WORDS,
+    TIME_WORDS,
+    are_clock_times,
+    find_date_column,
+)
+from ..measurements.recognition.column_guesses import Reading
+from ..measurements.recognition.uncausal_columns import find_uncertainties
 
 # where the mechanisms of a payload have its mass
 PAYLOAD = (

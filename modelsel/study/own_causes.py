@@ -11,8 +11,8 @@ import numpy as np
 from .._typing import Array
 from ..config.covariate_table import CovariateTable, list_words
 from ..config.study_file import Study
-from ..diagnosis.own_candidates import OwnCandidates
-from ..diagnosis.unregistered import Causes, build_cell, list_distinct_places, list_places
+from ..diagnosis.candidates.own_candidates import OwnCandidates
+from ..diagnosis.shapes.unregistered import Causes, build_cell, list_distinct_places, list_places
 from ..exceptions import StudyError, one_line, sentence_list
 from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..diagnosis.effects import Effect
-from ..diagnosis.nested_loads import COMPLIANCE
-from ..diagnosis.springs_apart import SpringsApart, compare_springs
+from ..diagnosis.candidates.nested_loads import COMPLIANCE
+from ..diagnosis.findings.effects import Effect
+from ..diagnosis.findings.springs_apart import SpringsApart, compare_springs
 from ..exceptions import NotEstimable
 from ..fitting.design import Model
 from ..fitting.least_squares import Fit

@@ -21,10 +21,11 @@ from .._random import generator
 from .._typing import Say
 from .._version import VERSION
 from ..config.study_file import Study
-from ..diagnosis.candidates import Candidate, choose_strongest
-from ..diagnosis.data_faults import Fault, find_misplaced_rows
+from ..diagnosis.candidates.candidate import Candidate
+from ..diagnosis.candidates.candidate_list import choose_strongest
 from ..diagnosis.error_map import build_error_map
-from ..diagnosis.outcome import Diagnosis
+from ..diagnosis.faults.data_faults import Fault, find_misplaced_rows
+from ..diagnosis.findings.outcome import Diagnosis
 from ..diagnosis.procedure import Nested, run_nested_folds
 from ..diagnosis.separation import Inquiry
 from ..diagnosis.unexplained import describe_unexplained, predict_remainder

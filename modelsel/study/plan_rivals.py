@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..calibration.experiment_design import MAX_RIVALS, Rivals
-from ..diagnosis.effects import Effect
-from ..measurements.state_names import StateKind, parse_state_name
+from ..diagnosis.findings.effects import Effect
+from ..measurements.campaign.state_names import StateKind, parse_state_name
 from ..mechanisms.terms import Term
 from .result import Result
 

@@ -25,11 +25,11 @@ from ..calibration.experiment_design import (
 from ..calibration.plan_pool import Pool, build_pool
 from ..exceptions import StudyError, count_words, write_rounded
 from ..fitting.design import ROUNDING
-from ..measurements.columns import UNITS
+from ..measurements.campaign.visits import count_distinct
+from ..measurements.formats.table import Source, load_table
 from ..measurements.measurements import Measurements
+from ..measurements.quantities.columns import UNITS
 from ..measurements.reader import read_measurements
-from ..measurements.table import Source, load_table
-from ..measurements.visits import count_distinct
 from ..mechanisms.terms import Term
 from ..robot.kinematics import forward
 from .configuration_pool import (

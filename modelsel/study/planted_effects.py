@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping
 
 from ..config.study_file import Study
 from ..exceptions import StudyError
+from ..measurements.campaign.state_names import StateKind, StateVariable, parse_state_name
 from ..measurements.measurements import Measurements
-from ..measurements.state_names import StateKind, StateVariable, parse_state_name
 from ..mechanisms.cause_formulas import parse
 from ..mechanisms.causes import Member
 from ..robot.kinematics import Robot

@@ -12,9 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..exceptions import write_rounded
-from ..measurements.column_guesses import Choice, Reading, merge_columns
-from ..measurements.columns import POSITION_UNITS, QUANTITY_COLUMN, UNITS, convert_to_numbers
-from ..measurements.table import Table
+from ..measurements.formats.table import Table
+from ..measurements.quantities.columns import (
+    POSITION_UNITS,
+    QUANTITY_COLUMN,
+    UNITS,
+    convert_to_numbers,
+)
+from ..measurements.recognition.column_guesses import Choice, Reading, merge_columns
 from ..robot.kinematics import Robot
 
 POSITION = "the position"

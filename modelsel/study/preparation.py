@@ -21,8 +21,8 @@ from ..fitting.component_noise import POSITION
 from ..fitting.design import residuals
 from ..fitting.noise import Floor, Instrument, weigh
 from ..fitting.problem import Problem
+from ..measurements.campaign.visits import count_distinct
 from ..measurements.measurements import Measurements
-from ..measurements.visits import count_distinct
 from ..notices import OTHER_ROBOT, SETUP_MISTAKE, Note
 from ..robot.kinematics import Robot
 from ..selection.evaluation import Split

@@ -17,7 +17,7 @@ from ..calibration.refitting import refit_forms
 from ..config.study_file import Study
 from ..exceptions import NotStored, StudyError, suggest
 from ..fitting.problem import Problem
-from ..measurements.file_form import FileForm
+from ..measurements.formats.file_form import FileForm
 from ..results.details import draw_details
 from ..results.details_schema import DetailsRecord
 from ..results.finding_schema import FindingRecord

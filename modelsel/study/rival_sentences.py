@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from ..calibration.experiment_design import Rivals
 from ..exceptions import choice_list
-from ..measurements.state_names import parse_state_name
+from ..measurements.campaign.state_names import parse_state_name
 
 # rise of the probability below which poses hardly tell rivals apart, unless it is high anyway
 MIN_GAIN = 0.05

@@ -11,7 +11,7 @@ import numpy as np
 
 from .._typing import Array
 from ..exceptions import choice_list
-from ..measurements.row_places import Where
+from ..measurements.formats.row_places import Where
 
 # the joint's own variable, by the column that holds it: theta1, q_2, θ3, θ, A1 (KUKA), J1, Achse 1; d4*
 NUMBER = r"_?\{?\d+\}?\*?"

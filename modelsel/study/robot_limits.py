@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from .._typing import Array
-from ..measurements.row_places import Where
+from ..measurements.formats.row_places import Where
 
 # degrees or radians: a joint turns by less than four turns
 MOST_RADIANS = 8 * np.pi

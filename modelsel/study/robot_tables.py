@@ -13,8 +13,8 @@ import numpy as np
 
 from .._typing import Array
 from ..exceptions import DataError, StudyError, sentence_list
-from ..measurements.spreadsheet import SPREADSHEET_SUFFIXES
-from ..measurements.table import Table, load_table
+from ..measurements.formats.spreadsheet import SPREADSHEET_SUFFIXES
+from ..measurements.formats.table import Table, load_table
 from ..robot.dh import format_robot_table
 from ..robot.files import read_robot, robot_from_table
 from ..robot.kinematics import Robot

@@ -11,9 +11,9 @@ import numpy as np
 
 from .._typing import Array
 from ..exceptions import one_line, sentence_list
-from ..measurements.columns import find_blank_cells
-from ..measurements.table import Table
-from ..measurements.table_layout import MIN_REMARK_WORDS, WORD
+from ..measurements.formats.table import Table
+from ..measurements.formats.table_layout import MIN_REMARK_WORDS, WORD
+from ..measurements.quantities.columns import find_blank_cells
 from .robot_cells import find_variable
 
 

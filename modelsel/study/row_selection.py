@@ -12,9 +12,9 @@ from .._typing import Array, Index
 from ..config.study_file import Study
 from ..config.study_tables import SplitTable
 from ..exceptions import StudyError, count_words, sentence_list
-from ..measurements.features import KINDS
+from ..measurements.campaign.features import KINDS
+from ..measurements.campaign.visits import number_equal
 from ..measurements.measurements import Measurements
-from ..measurements.visits import number_equal
 from ..notices import Note
 from ..selection.splits import split_configurations
 from ..setup.feature_positions import find_unmeasured_features

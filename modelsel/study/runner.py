@@ -11,7 +11,7 @@ from .._typing import Say
 from .._workers import steady_arithmetic
 from ..config.study_file import Study, find_source
 from ..exceptions import DataError
-from ..measurements.table import Source, hash_source
+from ..measurements.formats.table import Source, hash_source
 from ..mechanisms.registry import BUILTIN, Registry
 from .checkpoint import Checkpoint
 from .found_problems import name_study_file

@@ -21,8 +21,9 @@ from ..config.study_tables import SimulateTable
 from ..exceptions import StudyError
 from ..fitting.design import residuals
 from ..fitting.problem import Problem
-from ..measurements.measurements import ONE_TARGET, Gauges, Measurements, build_measurements
-from ..measurements.observation_columns import apply_known_features
+from ..measurements.gauges import Gauges
+from ..measurements.known_features import apply_known_features
+from ..measurements.measurements import ONE_TARGET, Measurements, build_measurements
 from ..measurements.reader import read_measurements
 from ..mechanisms.cause_formulas import list_members, parse
 from ..mechanisms.terms import Screw, Term

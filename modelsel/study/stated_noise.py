@@ -17,8 +17,8 @@ from ..fitting.least_squares import Fit
 from ..fitting.noise import Floor, from_repeats, from_target_pairs
 from ..fitting.noise_check import NEAR_UNIT, Lack, describe_lack, lack, name_likeliest_mistake
 from ..fitting.problem import Problem
-from ..measurements.columns import MIN_UNCERTAINTY
 from ..measurements.measurements import Measurements
+from ..measurements.quantities.columns import MIN_UNCERTAINTY
 from ..mechanisms.moved_targets import find_moved_targets
 from ..notices import Note
 from ..selection.evaluation import Evaluation, Split

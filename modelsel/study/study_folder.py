@@ -14,9 +14,9 @@ from .._names import find_name_problem
 from .._text import read_text
 from ..config.study_file import parse_study
 from ..exceptions import StudyError
+from ..measurements.formats.table import Table
 from ..measurements.measurements import Measurements
-from ..measurements.row_names import find_row_names
-from ..measurements.table import Table
+from ..measurements.quantities.row_names import find_row_names
 from ..robot.files import is_robot_file
 from .new_study import StudyDraft, count_estimation
 from .robot_tables import is_robot_table

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..config.study_file import Study
-from ..diagnosis.outcome import Diagnosis
+from ..diagnosis.findings.outcome import Diagnosis
 from ..diagnosis.unexplained import count_rows_seen, is_subsampled
 from ..exceptions import write_rounded
 from ..fitting.noise import Floor

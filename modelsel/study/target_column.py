@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..measurements.column_guesses import Reading
-from ..measurements.columns import convert_to_numbers
-from ..measurements.contract_columns import JOINT_COLUMN
-from ..measurements.joining import find_reflectors
-from ..measurements.table import Table
+from ..measurements.formats.table import Table
+from ..measurements.pairing.joining import find_reflectors
+from ..measurements.quantities.columns import convert_to_numbers
+from ..measurements.quantities.contract_columns import JOINT_COLUMN
+from ..measurements.recognition.column_guesses import Reading
 
 REASON = "it tells rows apart that share their readings and stand at several places"
 

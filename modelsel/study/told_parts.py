@@ -10,8 +10,8 @@ from .._part_names import AT_TARGET, IN_GROUP
 from ..fitting.possible_parts import MIN_GROUPS, MIN_LEVELS, count_excess, list_parts
 from ..fitting.problem import Problem
 from ..fitting.shared_errors import MAX_BLOCK
+from ..measurements.campaign.visits import count_distinct
 from ..measurements.measurements import Measurements
-from ..measurements.visits import count_distinct
 from .planned_repeats import MAX_POSTURES, TIMES
 
 MAX_ROWS = 100_000  # that are looked at: what they tell, more do

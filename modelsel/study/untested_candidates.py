@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from ..diagnosis.scanned_constants import has_both_sides
-from ..diagnosis.usable_names import list_lacking
+from ..diagnosis.candidates.scanned_constants import has_both_sides
+from ..diagnosis.candidates.usable_names import list_lacking
 from ..exceptions import StudyError, sentence_list
 from ..fitting.problem import Problem
-from ..measurements.state_names import describe_state_name
+from ..measurements.campaign.state_names import describe_state_name
 from ..mechanisms.campaign_registry import TARGET_STEP, is_of_targets, set_targets
 from ..mechanisms.moved_targets import JOINED, find_moved_targets
 from ..mechanisms.registry import Registry, build_mechanisms

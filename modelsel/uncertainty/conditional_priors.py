@@ -3,7 +3,7 @@ of the constant.
 
 At some values such coefficients cannot be estimated at all: a step before the first configuration
 moves nothing. Flat priors would make their posterior improper there, so they get the normal prior
-of the scan (`diagnosis.evidence`): covariance v · S⁻¹, S the information about them beyond all other
+of the scan (`diagnosis.inference.evidence`): covariance v · S⁻¹, S the information about them beyond all other
 coefficients, here averaged over the constant's range; v/s² as the data find it most probable, over
 the same ratios. Given the constant, the coefficients are normal up to the chain's curvature;
 walkers live in units of that distribution, so that a walker may change the constant alone and take
@@ -19,7 +19,7 @@ import numpy as np
 
 from .._linalg import project_out
 from .._typing import Array, Index
-from ..diagnosis.evidence import RATIOS
+from ..diagnosis.inference.evidence import RATIOS
 from ..fitting.design import compute_design
 from ..fitting.linearisation import Linearisation
 from ..fitting.problem import Problem

@@ -12,7 +12,7 @@ import numpy as np
 from .._linalg import connected_components
 from .._short_numbers import round_numbers
 from .._typing import Array, Mask
-from ..diagnosis.residual_tests import find_together
+from ..diagnosis.inference.residual_tests import find_together
 from ..exceptions import number_repeated, write_numbered
 from ..fitting.design import Model, blocks
 from ..fitting.least_squares import Fit

@@ -20,9 +20,9 @@ from benchmarks import listed  # noqa: E402
 from benchmarks.cases import Case, bound  # noqa: E402
 from benchmarks.score import Judge  # noqa: E402
 from modelsel import load_robot  # noqa: E402
-from modelsel.diagnosis.candidate_kinds import CandidateKind  # noqa: E402
-from modelsel.diagnosis.candidates import Candidate  # noqa: E402
-from modelsel.diagnosis.effects import Claim  # noqa: E402
+from modelsel.diagnosis.candidates.candidate import Candidate  # noqa: E402
+from modelsel.diagnosis.findings.effects import Claim  # noqa: E402
+from modelsel.diagnosis.shapes.candidate_kinds import CandidateKind  # noqa: E402
 from modelsel.mechanisms.causes import Named, cos, q, sin  # noqa: E402
 from modelsel.mechanisms.registry import build_mechanisms  # noqa: E402
 from modelsel.mechanisms.terms import Mechanism, Screw, Term  # noqa: E402

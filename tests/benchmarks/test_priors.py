@@ -16,7 +16,7 @@ sys.path.append(str(ROOT))
 
 from benchmarks import priors  # noqa: E402
 from modelsel import Model, mechanism  # noqa: E402
-from modelsel.diagnosis.candidates import build_candidates  # noqa: E402
+from modelsel.diagnosis.candidates.candidate_list import build_candidates  # noqa: E402
 from modelsel.mechanisms.registry import every  # noqa: E402
 
 pytestmark = pytest.mark.unit

@@ -29,10 +29,10 @@ from benchmarks.unlisted_plants import (  # noqa: E402
     scale_parts,
 )
 from modelsel import Model, mechanism  # noqa: E402
-from modelsel.diagnosis.candidate_columns import stack_design  # noqa: E402
-from modelsel.diagnosis.candidate_kinds import CandidateKind  # noqa: E402
-from modelsel.diagnosis.candidates import Candidate  # noqa: E402
-from modelsel.diagnosis.effects import Claim  # noqa: E402
+from modelsel.diagnosis.candidates.candidate import Candidate  # noqa: E402
+from modelsel.diagnosis.columns.candidate_columns import stack_design  # noqa: E402
+from modelsel.diagnosis.findings.effects import Claim  # noqa: E402
+from modelsel.diagnosis.shapes.candidate_kinds import CandidateKind  # noqa: E402
 from modelsel.fitting.least_squares import fit  # noqa: E402
 from modelsel.mechanisms.cause_formulas import parse  # noqa: E402
 from modelsel.mechanisms.causes import Cause, q, sin  # noqa: E402

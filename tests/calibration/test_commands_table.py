@@ -20,12 +20,12 @@ from modelsel.calibration.compensation import compensate_commands, predict_nomin
 from modelsel.calibration.prediction import predict_poses
 from modelsel.calibration.robot_programs import write_program
 from modelsel.cli.main import run_command_line
-from modelsel.measurements.orientation_columns import (
+from modelsel.measurements.formats.table import hash_source
+from modelsel.measurements.quantities.orientation_columns import (
     CONVENTIONS,
     choose_orientation_names,
     write_orientations,
 )
-from modelsel.measurements.table import hash_source
 from modelsel.robot.rigid import from_rotation_vector
 
 ROWS = np.r_[70:80, 81:96]  # at 80 the model jumps

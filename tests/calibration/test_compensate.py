@@ -39,8 +39,8 @@ from modelsel.config.study_file import parse_study
 from modelsel.exceptions import DataError, write_rounded
 from modelsel.fitting.design import Model
 from modelsel.fitting.whitening import Whitening
+from modelsel.measurements.campaign.state_names import is_state_name
 from modelsel.measurements.measurements import Orientation, build_measurements
-from modelsel.measurements.state_names import is_state_name
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Mechanism
 from modelsel.robot.files import load_robot

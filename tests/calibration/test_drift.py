@@ -21,15 +21,15 @@ from modelsel.calibration.prediction import compute_pose, predict, propagate_unc
 from modelsel.calibration.validation import judge
 from modelsel.calibration.verdict_sentences import describe_verdict as told
 from modelsel.cli.main import run_command_line
-from modelsel.diagnosis.sentences import format_quantity
+from modelsel.diagnosis.findings.sentences import format_quantity
 from modelsel.exceptions import DataError, StudyError, write_rounded
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor
 from modelsel.fitting.problem import Problem
 from modelsel.fitting.whitening import Whitening
+from modelsel.measurements.formats.table import hash_source
 from modelsel.measurements.measurements import Measurements
-from modelsel.measurements.table import hash_source
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.mechanisms.terms import Screw, Term
 from modelsel.robot.files import load_robot

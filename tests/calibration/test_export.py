@@ -34,7 +34,7 @@ from modelsel.calibration.loading import parse_calibration
 from modelsel.calibration.prediction import predict
 from modelsel.cli.main import run_command_line
 from modelsel.config.study_file import parse_study
-from modelsel.diagnosis.unregistered import build_cell
+from modelsel.diagnosis.shapes.unregistered import build_cell
 from modelsel.exceptions import StudyError
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit

@@ -35,8 +35,8 @@ from modelsel.fitting.design import compute_design
 from modelsel.fitting.linearisation import Linearisation
 from modelsel.fitting.possible_parts import MIN_EXCESS
 from modelsel.fitting.whitening import UNIT, Whitening
+from modelsel.measurements.campaign.visits import count_distinct
 from modelsel.measurements.reader import read_measurements
-from modelsel.measurements.visits import count_distinct
 from modelsel.mechanisms.causes import Named
 from modelsel.mechanisms.registry import build_mechanisms, mechanism
 from modelsel.mechanisms.terms import Screw, Term

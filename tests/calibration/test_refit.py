@@ -23,8 +23,8 @@ from modelsel.calibration.loading import parse_calibration
 from modelsel.cli.main import run_command_line
 from modelsel.config.study_file import parse_study, read_study
 from modelsel.exceptions import StudyError
+from modelsel.measurements.campaign.reference_temperature import choose_reference
 from modelsel.measurements.measurements import build_measurements
-from modelsel.measurements.reference_temperature import choose_reference
 from modelsel.mechanisms.campaign_registry import set_reference
 from modelsel.mechanisms.cause_formulas import parse
 from modelsel.mechanisms.causes import Combined

@@ -17,9 +17,9 @@ from modelsel._files import write_atomically
 from modelsel.cli.main import run_command_line
 from modelsel.config.study_file import Study, parse_study
 from modelsel.exceptions import DataError, StudyError
+from modelsel.measurements.formats.table import load_table
 from modelsel.measurements.measurements import build_measurements
 from modelsel.measurements.reader import read_measurements
-from modelsel.measurements.table import load_table
 from modelsel.robot.files import load_robot, read_robot
 from modelsel.robot.kinematics import Robot
 from modelsel.study.runner import run_study

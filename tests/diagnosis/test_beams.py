@@ -16,11 +16,12 @@ from scipy.spatial.transform import Rotation
 from searches import find_cause, search_separated
 
 from modelsel._typing import Array
-from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate, build_candidates
-from modelsel.diagnosis.nested_loads import find_nested_loads
-from modelsel.diagnosis.outcome import Diagnosis
-from modelsel.diagnosis.signatures import number_forms
+from modelsel.diagnosis.candidates.candidate import Candidate
+from modelsel.diagnosis.candidates.candidate_list import build_candidates
+from modelsel.diagnosis.candidates.nested_loads import find_nested_loads
+from modelsel.diagnosis.candidates.signatures import number_forms
+from modelsel.diagnosis.findings.outcome import Diagnosis
+from modelsel.diagnosis.shapes.candidate_kinds import CandidateKind
 from modelsel.fitting.design import Model
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements

@@ -12,13 +12,13 @@ from builders import drawn, measured, seeds
 from searches import search_independent
 
 from modelsel._typing import Array
-from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import build_candidates
-from modelsel.diagnosis.joint_bumps import generate_likely_bumps
-from modelsel.diagnosis.joint_curves import find_own_joint
-from modelsel.diagnosis.pool_members import gather_pool
-from modelsel.diagnosis.state import Search
-from modelsel.diagnosis.unlisted_shapes import list_rivals
+from modelsel.diagnosis.candidates.candidate_list import build_candidates
+from modelsel.diagnosis.inference.joint_curves import find_own_joint
+from modelsel.diagnosis.rivals.unlisted_shapes import list_rivals
+from modelsel.diagnosis.search.pool_members import gather_pool
+from modelsel.diagnosis.search.state import Search
+from modelsel.diagnosis.shapes.candidate_kinds import CandidateKind
+from modelsel.diagnosis.shapes.joint_bumps import generate_likely_bumps
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem

@@ -13,11 +13,11 @@ from hidden_arm import Effect as Planted
 from hidden_arm import measured as measure
 from scipy.spatial.transform import Rotation
 
-from modelsel.diagnosis.claim_sentences import describe_proven
-from modelsel.diagnosis.effects import Effect
+from modelsel.diagnosis.candidates.signatures import PROVEN
+from modelsel.diagnosis.findings.claim_sentences import describe_proven
+from modelsel.diagnosis.findings.effects import Effect
+from modelsel.diagnosis.findings.sentences import label_effect
 from modelsel.diagnosis.procedure import diagnose
-from modelsel.diagnosis.sentences import label_effect
-from modelsel.diagnosis.signatures import PROVEN
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.robot.files import load_robot

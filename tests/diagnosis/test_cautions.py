@@ -12,12 +12,13 @@ from builders import bind, measured, seeds, small_arm, study_of
 from searches import search_independent
 
 from modelsel.config.study_file import read_study
-from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate, build_candidates
-from modelsel.diagnosis.effect_sentences import list_cautions
-from modelsel.diagnosis.effects import Effect
+from modelsel.diagnosis.candidates.candidate import Candidate
+from modelsel.diagnosis.candidates.candidate_list import build_candidates
+from modelsel.diagnosis.findings.effect_sentences import list_cautions
+from modelsel.diagnosis.findings.effects import Effect
 from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.diagnosis.separation import Inquiry
+from modelsel.diagnosis.shapes.candidate_kinds import CandidateKind
 from modelsel.fitting.design import Model
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import Applied, Named, q, sin

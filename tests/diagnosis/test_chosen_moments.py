@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hidden_arm import arm
-from test_target_steps import TOOLS, Rng, bind_targets, draw_slip, measure
+from slipped_targets import TOOLS, Rng, bind_targets, draw_slip, measure
 
 from modelsel.diagnosis.chosen_moments import choose_step_moments, list_scanned_steps
 from modelsel.fitting.design import Model

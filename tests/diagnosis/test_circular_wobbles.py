@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 from searches import find_cause, search_separated
 
 from modelsel._typing import Array
-from modelsel.diagnosis.candidates import build_candidates
-from modelsel.diagnosis.outcome import Diagnosis
+from modelsel.diagnosis.candidates.candidate_list import build_candidates
+from modelsel.diagnosis.findings.outcome import Diagnosis
 from modelsel.fitting.design import Model
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import build_mechanisms, every, mechanism

@@ -12,16 +12,22 @@ from builders import drawn, measured, planted, seeds
 from searches import search_independent
 
 from modelsel._typing import Array
-from modelsel.diagnosis.candidate_columns import build_columns, stack_design
-from modelsel.diagnosis.candidates import Candidate, build_candidates
-from modelsel.diagnosis.credible_sets import ask, include_candidate
-from modelsel.diagnosis.joint_curves import chain_effects, collect_curves, find_own_joint, see_rest
-from modelsel.diagnosis.outcome import Diagnosis
-from modelsel.diagnosis.scan import Released, build_scan, compute_basis
-from modelsel.diagnosis.sentences import describe_amount
-from modelsel.diagnosis.simple_shapes import find_own_wave
-from modelsel.diagnosis.state import LEVEL, Search
-from modelsel.diagnosis.unregistered import BETWEEN
+from modelsel.diagnosis.candidates.candidate import Candidate
+from modelsel.diagnosis.candidates.candidate_list import build_candidates
+from modelsel.diagnosis.columns.candidate_columns import build_columns, stack_design
+from modelsel.diagnosis.findings.outcome import Diagnosis
+from modelsel.diagnosis.findings.sentences import describe_amount
+from modelsel.diagnosis.inference.credible_sets import ask, include_candidate
+from modelsel.diagnosis.inference.joint_curves import (
+    chain_effects,
+    collect_curves,
+    find_own_joint,
+    see_rest,
+)
+from modelsel.diagnosis.inference.scan import Released, build_scan, compute_basis
+from modelsel.diagnosis.search.state import LEVEL, Search
+from modelsel.diagnosis.shapes.shape_constants import find_own_wave
+from modelsel.diagnosis.shapes.unregistered import BETWEEN
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem

@@ -8,10 +8,11 @@ import pytest
 from builders import drawn, measured
 from exact import flanges_of
 
-from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import build_candidates
-from modelsel.diagnosis.data_faults import FaultKind, find_concerned_rows
+from modelsel.diagnosis.candidates.candidate_list import build_candidates
+from modelsel.diagnosis.candidates.fault_kinds import FaultKind
+from modelsel.diagnosis.faults.data_faults import find_concerned_rows
 from modelsel.diagnosis.procedure import diagnose
+from modelsel.diagnosis.shapes.candidate_kinds import CandidateKind
 from modelsel.exceptions import StudyError
 from modelsel.fitting.design import Model
 from modelsel.fitting.problem import Problem

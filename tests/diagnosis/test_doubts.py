@@ -12,8 +12,8 @@ from builders import bind, planted, small_arm, study_of
 from scipy.stats import f as fisher
 from scipy.stats import kstest, multivariate_t
 
-from modelsel.diagnosis.data_faults import find_misplaced_rows
-from modelsel.diagnosis.simulation_counts import FAULT_DRAWS
+from modelsel.diagnosis.faults.data_faults import find_misplaced_rows
+from modelsel.diagnosis.inference.simulation_counts import FAULT_DRAWS
 from modelsel.fitting.design import Model, compute_design
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor, from_repeats

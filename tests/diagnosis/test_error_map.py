@@ -7,7 +7,7 @@ import pytest
 from builders import drawn, seeds
 from searches import search_separated
 
-from modelsel.diagnosis.candidates import build_candidates
+from modelsel.diagnosis.candidates.candidate_list import build_candidates
 from modelsel.diagnosis.error_map import build_error_map
 from modelsel.fitting.design import Model
 from modelsel.mechanisms.registry import every, mechanism

@@ -10,17 +10,18 @@ from builders import seeds
 from planted_waves import Waved, plant_wave
 from searches import ignore
 
-from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate, build_candidates
-from modelsel.diagnosis.claim_sentences import describe_proven
-from modelsel.diagnosis.effects import Effect
+from modelsel.diagnosis.candidates.candidate import Candidate
+from modelsel.diagnosis.candidates.candidate_list import build_candidates
+from modelsel.diagnosis.findings.claim_sentences import describe_proven
+from modelsel.diagnosis.findings.effects import Effect
+from modelsel.diagnosis.findings.outcome import Diagnosis
+from modelsel.diagnosis.findings.wave_aliases import list_aliases, weigh_aliases
 from modelsel.diagnosis.high_waves import find_high_waves, find_ripples, list_high_waves
-from modelsel.diagnosis.outcome import Diagnosis
 from modelsel.diagnosis.procedure import diagnose
-from modelsel.diagnosis.simple_shapes import find_own_wave
-from modelsel.diagnosis.state import Search
-from modelsel.diagnosis.stepwise import Exploration, explore
-from modelsel.diagnosis.wave_aliases import list_aliases, weigh_aliases
+from modelsel.diagnosis.search.state import Search
+from modelsel.diagnosis.search.stepwise import Exploration, explore
+from modelsel.diagnosis.shapes.candidate_kinds import CandidateKind
+from modelsel.diagnosis.shapes.shape_constants import find_own_wave
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.mechanisms.drives import HIGH_WAVES, WAVES, gear_ripple

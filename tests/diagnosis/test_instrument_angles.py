@@ -13,11 +13,11 @@ from exact import flanges_of
 from scipy.spatial.transform import Rotation
 from searches import search_separated
 
-from modelsel.diagnosis.acting_screws import keep_acting_screws
-from modelsel.diagnosis.candidates import build_candidates
-from modelsel.diagnosis.claim_sentences import describe_proven
-from modelsel.diagnosis.outcome import Diagnosis
-from modelsel.diagnosis.signatures import LEVELS, PROVEN, read_signatures
+from modelsel.diagnosis.candidates.candidate_list import build_candidates
+from modelsel.diagnosis.candidates.signatures import LEVELS, PROVEN, read_signatures
+from modelsel.diagnosis.findings.claim_sentences import describe_proven
+from modelsel.diagnosis.findings.outcome import Diagnosis
+from modelsel.diagnosis.search.acting_screws import keep_acting_screws
 from modelsel.fitting.design import Model
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements

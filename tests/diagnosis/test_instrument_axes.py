@@ -8,8 +8,8 @@ from builders import OFF_AXIS, bind, seeds
 from exact import flanges_of
 from searches import search_separated
 
-from modelsel.diagnosis.candidates import build_candidates
-from modelsel.diagnosis.signatures import PROVEN
+from modelsel.diagnosis.candidates.candidate_list import build_candidates
+from modelsel.diagnosis.candidates.signatures import PROVEN
 from modelsel.fitting.design import Model
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import every, mechanism

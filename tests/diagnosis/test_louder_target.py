@@ -8,7 +8,7 @@ import pytest
 from builders import OFF_AXIS, seeds, small_arm
 from searches import diagnose_rows
 
-from modelsel.diagnosis.outcome import Diagnosis
+from modelsel.diagnosis.findings.outcome import Diagnosis
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.robot.kinematics import forward

@@ -10,10 +10,10 @@ import pytest
 from builders import seeds
 from exact import flanges_of
 
-from modelsel.diagnosis.outcome import Diagnosis
+from modelsel.diagnosis.candidates.signatures import LEVELS, PROVEN
+from modelsel.diagnosis.findings.outcome import Diagnosis
+from modelsel.diagnosis.findings.sentences import label_effect
 from modelsel.diagnosis.procedure import diagnose
-from modelsel.diagnosis.sentences import label_effect
-from modelsel.diagnosis.signatures import LEVELS, PROVEN
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.robot.files import load_robot

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from builders import seeds, study_of
 from hidden_arm import arm
-from test_target_steps import TOOLS, Rng, bind_targets, draw_slip, measure, offer
+from slipped_targets import TOOLS, Rng, bind_targets, draw_slip, measure, offer
 
 from modelsel.diagnosis import outlier_rounds
-from modelsel.diagnosis.candidates import build_candidates
-from modelsel.diagnosis.claim_sentences import describe_proven
-from modelsel.diagnosis.options import DEFAULT_OPTIONS
-from modelsel.diagnosis.outcome import Diagnosis
+from modelsel.diagnosis.candidates.candidate_list import build_candidates
+from modelsel.diagnosis.candidates.options import DEFAULT_OPTIONS
+from modelsel.diagnosis.faults.outlier_runs import propose_steps
+from modelsel.diagnosis.findings.claim_sentences import describe_proven
+from modelsel.diagnosis.findings.outcome import Diagnosis
+from modelsel.diagnosis.findings.sentences import label_effect
 from modelsel.diagnosis.outlier_rounds import alternate
-from modelsel.diagnosis.outlier_runs import propose_steps
-from modelsel.diagnosis.sentences import label_effect
 from modelsel.diagnosis.separation import Inquiry
 from modelsel.fitting.design import Model
 from modelsel.fitting.problem import Problem

@@ -12,13 +12,14 @@ from exact import flanges_of
 from scipy.spatial.transform import Rotation
 from searches import find_cause, search_separated
 
-from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate, build_candidates
-from modelsel.diagnosis.free_functions import generate_other_drivers
-from modelsel.diagnosis.outcome import Diagnosis
-from modelsel.diagnosis.signatures import LEVELS, PROVEN, list_drivers_by_place
-from modelsel.diagnosis.tool_falls import generate_falls
-from modelsel.diagnosis.unregistered import build_cell
+from modelsel.diagnosis.candidates.candidate import Candidate
+from modelsel.diagnosis.candidates.candidate_list import build_candidates
+from modelsel.diagnosis.candidates.signatures import LEVELS, PROVEN, list_drivers_by_place
+from modelsel.diagnosis.findings.outcome import Diagnosis
+from modelsel.diagnosis.rivals.free_functions import generate_other_drivers
+from modelsel.diagnosis.rivals.tool_falls import generate_falls
+from modelsel.diagnosis.shapes.candidate_kinds import CandidateKind
+from modelsel.diagnosis.shapes.unregistered import build_cell
 from modelsel.fitting.design import Model
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.bending import ANYWHERE, AT_TARGET, EACH_AXIS, list_loads

@@ -11,17 +11,18 @@ from hidden_arm import State, arm, measured
 from hidden_effects import at, together
 from searches import ignore
 
-from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate, build_candidates
-from modelsel.diagnosis.credible_sets import CredibleSet, Entry
-from modelsel.diagnosis.effect_sentences import list_cautions
-from modelsel.diagnosis.effects import Claim, Effect
-from modelsel.diagnosis.kept_causes import KeptCauses
-from modelsel.diagnosis.options import DEFAULT_OPTIONS
-from modelsel.diagnosis.outcome import Diagnosis
+from modelsel.diagnosis.candidates.candidate import Candidate
+from modelsel.diagnosis.candidates.candidate_list import build_candidates
+from modelsel.diagnosis.candidates.options import DEFAULT_OPTIONS
+from modelsel.diagnosis.columns.kept_causes import KeptCauses
+from modelsel.diagnosis.findings.effect_sentences import list_cautions
+from modelsel.diagnosis.findings.effects import Claim, Effect
+from modelsel.diagnosis.findings.outcome import Diagnosis
+from modelsel.diagnosis.inference.credible_sets import CredibleSet, Entry
 from modelsel.diagnosis.procedure import diagnose, diagnose_split
+from modelsel.diagnosis.search.stepwise import explore
 from modelsel.diagnosis.separation import Inquiry, _is_in_time, _Separation, _share_with_lasting
-from modelsel.diagnosis.stepwise import explore
+from modelsel.diagnosis.shapes.candidate_kinds import CandidateKind
 from modelsel.fitting.design import Model, assemble, whiten
 from modelsel.fitting.error_structure import ErrorStructure
 from modelsel.fitting.least_squares import fit

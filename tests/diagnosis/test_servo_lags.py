@@ -9,11 +9,11 @@ from builders import bind, drawn, seeds
 from hidden_arm import Arm, State, arm
 from hidden_arm import measured as measure
 
-from modelsel.diagnosis.effects import Effect
+from modelsel.diagnosis.candidates.signatures import PROVEN
+from modelsel.diagnosis.candidates.usable_names import list_lacking
+from modelsel.diagnosis.findings.effects import Effect
+from modelsel.diagnosis.findings.sentences import label_effect
 from modelsel.diagnosis.procedure import diagnose
-from modelsel.diagnosis.sentences import label_effect
-from modelsel.diagnosis.signatures import PROVEN
-from modelsel.diagnosis.usable_names import list_lacking
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import mechanism

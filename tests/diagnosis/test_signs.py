@@ -15,19 +15,20 @@ from builders import bind, drawn, measured, planted, seeds, small_arm, study_of
 from scipy.integrate import quad
 from searches import search_separated
 
-from modelsel.diagnosis.candidate_columns import build_columns, stack_design
-from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate, build_candidates
-from modelsel.diagnosis.credible_sets import CredibleSet
-from modelsel.diagnosis.effect_sentences import describe_effect
-from modelsel.diagnosis.effects import Effect
-from modelsel.diagnosis.evidence import compute_log_bayes_factors, normalise_strength
+from modelsel.diagnosis.candidates.candidate import Candidate
+from modelsel.diagnosis.candidates.candidate_list import build_candidates
+from modelsel.diagnosis.candidates.signatures import PROVEN
+from modelsel.diagnosis.columns.candidate_columns import build_columns, stack_design
+from modelsel.diagnosis.findings.effect_sentences import describe_effect
+from modelsel.diagnosis.findings.effects import Effect
+from modelsel.diagnosis.findings.sentences import label_effect, list_usual_causes
+from modelsel.diagnosis.inference.credible_sets import CredibleSet
+from modelsel.diagnosis.inference.evidence import compute_log_bayes_factors, normalise_strength
+from modelsel.diagnosis.inference.scan import Scan, build_scan, compute_basis
+from modelsel.diagnosis.inference.sign_constraints import find_contrary_terms
 from modelsel.diagnosis.procedure import diagnose_split
-from modelsel.diagnosis.scan import Scan, build_scan, compute_basis
-from modelsel.diagnosis.sentences import label_effect, list_usual_causes
 from modelsel.diagnosis.separation import Inquiry
-from modelsel.diagnosis.sign_constraints import find_contrary_terms
-from modelsel.diagnosis.signatures import PROVEN
+from modelsel.diagnosis.shapes.candidate_kinds import CandidateKind
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem

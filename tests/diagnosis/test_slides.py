@@ -15,13 +15,14 @@ import numpy as np
 import pytest
 from builders import bind, measured, seeds, small_arm, study_of
 
-from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate, build_candidates
-from modelsel.diagnosis.effects import Effect
+from modelsel.diagnosis.candidates.candidate import Candidate
+from modelsel.diagnosis.candidates.candidate_list import build_candidates
+from modelsel.diagnosis.findings.effects import Effect
+from modelsel.diagnosis.findings.sentences import describe_candidate
 from modelsel.diagnosis.procedure import diagnose_split
-from modelsel.diagnosis.sentences import describe_candidate
 from modelsel.diagnosis.separation import Inquiry
-from modelsel.diagnosis.slide_waves import PITCHES, build_pitch_wave
+from modelsel.diagnosis.shapes.candidate_kinds import CandidateKind
+from modelsel.diagnosis.shapes.slide_waves import PITCHES, build_pitch_wave
 from modelsel.fitting.design import Model
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import every, mechanism

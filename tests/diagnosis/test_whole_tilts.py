@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from builders import bind, seeds
 from exact import flanges_of
-from held_loads import WEIGHT, frame_of, place_of
+from held_loads import RATED, TOOL, WEIGHT, frame_of, place_of
 from scipy.spatial.transform import Rotation
 from searches import find_cause, search_separated
-from test_whole_torques import RATED, TOOL
 
 from modelsel._typing import Array
-from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate, build_candidates
-from modelsel.diagnosis.nested_loads import find_nested_loads
+from modelsel.diagnosis.candidates.candidate import Candidate
+from modelsel.diagnosis.candidates.candidate_list import build_candidates
+from modelsel.diagnosis.candidates.nested_loads import find_nested_loads
+from modelsel.diagnosis.shapes.candidate_kinds import CandidateKind
 from modelsel.fitting.design import Model
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements

@@ -268,10 +268,10 @@ def test_every_key_of_a_calibration_is_explained(drawn) -> None:
 
 
 def test_constants_are_the_program_s() -> None:
-    from modelsel.diagnosis.candidates import REGISTERED
-    from modelsel.diagnosis.credible_sets import ALIKE, CREDIBLE, LISTED, SURE
-    from modelsel.diagnosis.state import LEVEL
-    from modelsel.diagnosis.stepwise import MAX_EFFECTS
+    from modelsel.diagnosis.candidates.candidate_list import REGISTERED
+    from modelsel.diagnosis.inference.credible_sets import ALIKE, CREDIBLE, LISTED, SURE
+    from modelsel.diagnosis.search.state import LEVEL
+    from modelsel.diagnosis.search.stepwise import MAX_EFFECTS
 
     said = {
         page: (DOCS / f"{shelf}/{page}.md").read_text(encoding="utf-8")

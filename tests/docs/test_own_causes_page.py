@@ -10,7 +10,7 @@ import pytest
 from shown_code import ROOT, fenced
 
 from modelsel import Study, load_robot
-from modelsel.diagnosis.prior_weights import weigh_outcomes
+from modelsel.diagnosis.candidates.prior_weights import weigh_outcomes
 from modelsel.measurements.reader import read_measurements
 from modelsel.robot.kinematics import forward
 from modelsel.study.own_causes import build_own_candidates

@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 from builders import drawn
 from click.testing import CliRunner
-from house_rules import FLOORS, PACKAGE
+from house_rules import FLOORS, INNER_FLOORS, PACKAGE
 from shown_code import ROOT, SHOWN, fenced, printed
 
 import modelsel
@@ -47,13 +47,22 @@ def excerpt(result: modelsel.Result) -> str:
 
 
 def floors() -> str:
-    """The list of the package's folders, top to bottom, with what each says of itself."""
+    """The list of the package's folders, top to bottom, with what each says of itself; the folders in
+    one are below it."""
     lines = []
     for folder in FLOORS[1:]:
-        text = (PACKAGE / folder / "__init__.py").read_text(encoding="utf-8")
-        said = (ast.get_docstring(ast.parse(text)) or "").partition("\n")[0]
-        lines.append(f"{folder + '/':14}{said}")
+        lines.append(f"{folder + '/':15}{first_line(folder)}")
+        lines += [
+            f"{f'  {inner}/':15}{first_line(f'{folder}/{inner}')}"
+            for inner in INNER_FLOORS.get(folder, ())
+        ]
     return "\n".join(lines) + "\n"
+
+
+def first_line(folder: str) -> str:
+    """What a folder of the package says of itself."""
+    text = (PACKAGE / folder / "__init__.py").read_text(encoding="utf-8")
+    return (ast.get_docstring(ast.parse(text)) or "").partition("\n")[0]
 
 
 @pytest.fixture(scope="module")

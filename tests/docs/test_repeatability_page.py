@@ -18,7 +18,7 @@ from modelsel.fitting.possible_parts import (
     MIN_GROUPS,
     MIN_LEVELS,
 )
-from modelsel.measurements.visits import SAME_READING
+from modelsel.measurements.campaign.visits import SAME_READING
 from modelsel.results.repeatability import LABELS
 
 PAGE = ROOT / "docs" / "how-to" / "repeatability.md"

@@ -10,7 +10,7 @@ import pytest
 from builders import drawn, planted, study_of
 
 from modelsel._random import generator
-from modelsel.diagnosis.candidate_columns import stack_design
+from modelsel.diagnosis.columns.candidate_columns import stack_design
 from modelsel.fitting import problem, state_variables
 from modelsel.fitting import reduction as reduce
 from modelsel.fitting.design import Model, residuals

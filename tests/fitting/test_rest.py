@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from builders import drawn, seeds, small_arm
 
-from modelsel.diagnosis.candidate_columns import build_columns, stack_design
-from modelsel.diagnosis.candidates import build_candidates
-from modelsel.diagnosis.scan import build_scan, compute_basis
+from modelsel.diagnosis.candidates.candidate_list import build_candidates
+from modelsel.diagnosis.columns.candidate_columns import build_columns, stack_design
+from modelsel.diagnosis.inference.scan import build_scan, compute_basis
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.measurements.measurements import Measurements, build_measurements

@@ -12,13 +12,13 @@ from scipy.spatial.transform import Rotation
 from modelsel.exceptions import StudyError
 from modelsel.fitting.design import residuals
 from modelsel.fitting.problem import Problem
-from modelsel.measurements.measurements import Orientation, build_measurements
-from modelsel.measurements.state_names import (
+from modelsel.measurements.campaign.state_names import (
     covariate_unit,
     is_state_name,
     parse_state_name,
     state_units,
 )
+from modelsel.measurements.measurements import Orientation, build_measurements
 from modelsel.mechanisms.causes import Named, q, torque
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward, pose

@@ -24,12 +24,13 @@ from hidden_engine import Engine
 from hidden_oracle import critical_p, detection, held_by, naming_limit
 from searches import search_separated
 
-from modelsel.diagnosis import state as search
-from modelsel.diagnosis.candidate_columns import build_columns, stack_design
-from modelsel.diagnosis.candidates import Candidate, build_candidates
-from modelsel.diagnosis.effects import Effect as Found
-from modelsel.diagnosis.outcome import Diagnosis
-from modelsel.diagnosis.scan import Scan, build_scan, compute_basis
+from modelsel.diagnosis.candidates.candidate import Candidate
+from modelsel.diagnosis.candidates.candidate_list import build_candidates
+from modelsel.diagnosis.columns.candidate_columns import build_columns, stack_design
+from modelsel.diagnosis.findings.effects import Effect as Found
+from modelsel.diagnosis.findings.outcome import Diagnosis
+from modelsel.diagnosis.inference.scan import Scan, build_scan, compute_basis
+from modelsel.diagnosis.search import state as search
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem

@@ -20,7 +20,7 @@ from scipy.special import bdtrc
 
 from modelsel import Model, diagnose, mechanism
 from modelsel._typing import Array
-from modelsel.diagnosis.outcome import Diagnosis
+from modelsel.diagnosis.findings.outcome import Diagnosis
 from modelsel.fitting.error_structure import find_structure
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.part_trials import LEVEL as OF_A_PART

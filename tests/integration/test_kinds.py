@@ -21,10 +21,10 @@ from modelsel.calibration.plan_pool import build_pool
 from modelsel.calibration.prediction import predict
 from modelsel.calibration.validation import judge
 from modelsel.config.study_file import Study, parse_study
-from modelsel.diagnosis.candidate_columns import stack_design
-from modelsel.diagnosis.outliers import estimate_scale, find_gross_outliers
+from modelsel.diagnosis.columns.candidate_columns import stack_design
+from modelsel.diagnosis.columns.screw_columns import build_screw_columns
+from modelsel.diagnosis.faults.outliers import estimate_scale, find_gross_outliers
 from modelsel.diagnosis.procedure import diagnose_split
-from modelsel.diagnosis.screw_columns import build_screw_columns
 from modelsel.diagnosis.separation import Inquiry
 from modelsel.exceptions import DataError, NotEstimable, StudyError
 from modelsel.fitting.batch import Ensemble
@@ -35,9 +35,9 @@ from modelsel.fitting.noise import Floor
 from modelsel.fitting.observation import Fixtures
 from modelsel.fitting.problem import Problem
 from modelsel.fitting.undetermined import describe_unidentifiable
-from modelsel.measurements.features import FREE_NUMBERS, KINDS, KindColumns
+from modelsel.measurements.campaign.features import FREE_NUMBERS, KINDS, KindColumns
+from modelsel.measurements.known_features import KnownFeature, apply_known_features
 from modelsel.measurements.measurements import Measurements, build_measurements
-from modelsel.measurements.observation_columns import KnownFeature, apply_known_features
 from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.geometry import build_setup
 from modelsel.mechanisms.registry import build_mechanisms, mechanism

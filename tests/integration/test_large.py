@@ -10,7 +10,7 @@ from builders import drawn, estimate_gain, one, planted
 
 from modelsel.config.study_file import parse_study
 from modelsel.fitting.shrinkage import fit_shrunk
-from modelsel.measurements.visits import number_blocks
+from modelsel.measurements.campaign.visits import number_blocks
 from modelsel.mechanisms.causes import q
 from modelsel.selection.gain import ResamplingOptions
 from modelsel.study.runner import run_study

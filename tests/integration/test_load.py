@@ -13,8 +13,8 @@ from builders import bind, drawn, one, planted, study_of
 from click.testing import CliRunner
 
 from modelsel.cli.main import run_command_line
-from modelsel.diagnosis.candidates import build_candidates, exceeds_cell_limit
-from modelsel.diagnosis.options import DiagnosisOptions
+from modelsel.diagnosis.candidates.candidate_list import build_candidates, exceeds_cell_limit
+from modelsel.diagnosis.candidates.options import DiagnosisOptions
 from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.diagnosis.separation import Inquiry
 from modelsel.fitting.design import Model

@@ -16,13 +16,17 @@ from scipy.special import bdtrc
 from scipy.stats import binom, kstest, t
 from searches import search_independent
 
-from modelsel.diagnosis.evidence import draw_null
-from modelsel.diagnosis.outcome import Diagnosis
+from modelsel.diagnosis.findings.outcome import Diagnosis
+from modelsel.diagnosis.inference.evidence import draw_null
+from modelsel.diagnosis.inference.residual_tests import (
+    adjust_residual,
+    compute_group_p,
+    partition_rows,
+)
 from modelsel.diagnosis.procedure import diagnose_split
-from modelsel.diagnosis.residual_tests import adjust_residual, compute_group_p, partition_rows
+from modelsel.diagnosis.search.views import build_view
 from modelsel.diagnosis.separation import Inquiry
 from modelsel.diagnosis.unexplained import estimate_predictability
-from modelsel.diagnosis.views import build_view
 from modelsel.fitting.design import Model, compute_design
 from modelsel.fitting.least_squares import Fit, fit
 from modelsel.fitting.problem import Problem
@@ -329,9 +333,9 @@ def test_signs_under_equal_noise_are_the_exact_null(rng) -> None:
     has."""
     from scipy.stats import ks_2samp
 
-    from modelsel.diagnosis.candidate_columns import build_columns
-    from modelsel.diagnosis.candidates import build_candidates
-    from modelsel.diagnosis.evidence import Chance
+    from modelsel.diagnosis.candidates.candidate_list import build_candidates
+    from modelsel.diagnosis.columns.candidate_columns import build_columns
+    from modelsel.diagnosis.inference.evidence import Chance
 
     at, _ = campaign(even, rng)
     base_fit = fit(at, BASE, held="nothing")

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from modelsel.exceptions import DataError
-from modelsel.measurements.text_table import load_text_table
+from modelsel.measurements.formats.text_table import load_text_table
 
 
 @pytest.mark.parametrize("headerless", [True, False])

@@ -13,14 +13,14 @@ import pytest
 
 from modelsel.config.study_file import find_source, parse_study
 from modelsel.exceptions import DataError, StudyError
-from modelsel.measurements.number_format import (
+from modelsel.measurements.formats.number_format import (
     convert_number_text,
     find_decimal_mark,
     find_mark_by_range,
 )
+from modelsel.measurements.formats.row_places import where_from_record
+from modelsel.measurements.formats.table import DataFile, load_table
 from modelsel.measurements.reader import read_measurements
-from modelsel.measurements.row_places import where_from_record
-from modelsel.measurements.table import DataFile, load_table
 from modelsel.robot.files import load_robot
 
 NAMES = ["target", "q1_deg", "q2_deg", "q3_deg", "x_mm", "y_mm", "z_mm"]

@@ -10,7 +10,7 @@ import pytest
 from builders import drawn, small_arm
 
 from modelsel.exceptions import DataError
-from modelsel.measurements.joint_path import JointPath
+from modelsel.measurements.campaign.joint_path import JointPath
 from modelsel.measurements.measurements import Measurements, build_measurements
 from modelsel.measurements.reader import read_labels, read_measurements
 

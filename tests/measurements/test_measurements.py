@@ -13,9 +13,9 @@ from builders import drawn, seeds, study_with
 
 from modelsel.exceptions import DataError
 from modelsel.fitting.noise import from_repeats
+from modelsel.measurements.campaign.visits import order_units
 from modelsel.measurements.measurements import Measurements, build_measurements
 from modelsel.measurements.reader import read_labels, read_measurements
-from modelsel.measurements.visits import order_units
 from modelsel.robot.files import load_robot
 from modelsel.study.preparation import prepare
 

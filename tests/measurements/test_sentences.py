@@ -8,9 +8,9 @@ import pandas as pd
 import pytest
 
 from modelsel.exceptions import DataError, StudyError
+from modelsel.measurements.formats.table import load_table
 from modelsel.measurements.reader import read_measurements
-from modelsel.measurements.table import load_table
-from modelsel.measurements.uncausal_columns import describe_uncausal
+from modelsel.measurements.recognition.uncausal_columns import describe_uncausal
 from modelsel.robot.files import load_robot
 from modelsel.robot.urdf import read_urdf_text
 

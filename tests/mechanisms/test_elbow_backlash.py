@@ -11,8 +11,8 @@ from builders import bind, seeds
 from exact import flanges_of
 from searches import search_separated
 
-from modelsel.diagnosis.candidates import build_candidates
-from modelsel.diagnosis.signatures import LEVELS, PROVEN
+from modelsel.diagnosis.candidates.candidate_list import build_candidates
+from modelsel.diagnosis.candidates.signatures import LEVELS, PROVEN
 from modelsel.fitting.design import Model
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import Named, sign

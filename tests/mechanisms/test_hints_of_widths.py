@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from modelsel.exceptions import StudyError
-from modelsel.measurements.state_names import state_units
+from modelsel.measurements.campaign.state_names import state_units
 from modelsel.mechanisms.cause_formulas import parse
 from modelsel.robot.files import load_robot
 

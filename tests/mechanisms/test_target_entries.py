@@ -7,7 +7,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from modelsel.diagnosis.prior_weights import weigh_names
+from modelsel.diagnosis.candidates.prior_weights import weigh_names
 from modelsel.exceptions import StudyError
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from house_rules import (
+    INNER_FLOORS,
     LEVEL,
     PACKAGE,
     collection_problems,
@@ -35,6 +36,9 @@ def test_every_name_stands_on_one_floor() -> None:
         path.name for path in PACKAGE.iterdir() if path.is_dir() and any(path.glob("*.py"))
     }
     assert modules_of(PACKAGE), f"no modules in {PACKAGE}"
+    for folder, floors in INNER_FLOORS.items():
+        inner = {path.parent.name for path in (PACKAGE / folder).glob("*/*.py")}
+        assert inner == set(floors)
 
 
 @pytest.mark.parametrize("problems", RULES)
@@ -105,6 +109,29 @@ BREACHES = {
         floor_problems,
         {"fitting/least_squares.py": "from modelsel import __version__"},
         "floor 'cli'",
+    ),
+    "inner floor, down": (
+        floor_problems,
+        {"diagnosis/shapes/a.py": "from ..search.state import Search"},
+        "imports modelsel.diagnosis.search.state from floor 'diagnosis/search'",
+    ),
+    "inner floor, types, down": (
+        floor_problems,
+        {
+            "diagnosis/shapes/a.py": "from typing import TYPE_CHECKING\n"
+            "if TYPE_CHECKING:\n    from ..search.state import Search"
+        },
+        "'diagnosis/shapes' imports",
+    ),
+    "out of an inner floor": (
+        floor_problems,
+        {"diagnosis/search/a.py": "def f():\n    from .. import procedure"},
+        "on floor 'diagnosis/search' imports modelsel.diagnosis.procedure from floor 'diagnosis'",
+    ),
+    "no inner floor": (
+        floor_problems,
+        {"diagnosis/a/__init__.py": ""},
+        "modelsel.diagnosis.a stands on no floor",
     ),
     "no floor": (floor_problems, {"utils.py": ""}, "modelsel.utils stands on no floor"),
     "no module": (
@@ -196,6 +223,11 @@ SOUND = {
         "report/figures/__init__.py": "from . import a",
         "report/figures/a.py": "from ..style import S",
     },
+    "inner floors": {
+        "diagnosis/procedure.py": "from .search.state import Search",
+        "diagnosis/search/a.py": "from ..shapes import b\nfrom .state import Search",
+        "diagnosis/shapes/b.py": "from ...exceptions import E",
+    },
     "door": {
         "__init__.py": "from modelsel.fitting.least_squares import f",
         "__main__.py": "from .cli.main import main",
@@ -233,6 +265,8 @@ def planted(folder: Path, files: Mapping[str, str]) -> Path:
             "report/style",
             "report/figures/__init__",
             "cli/main",
+            "diagnosis/procedure",
+            "diagnosis/search/state",
         ),
         *(
             "fitting/design",

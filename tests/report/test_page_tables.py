@@ -10,7 +10,7 @@ import pytest
 from browser import chromium, opened, resize
 from report_studies import read_source, source_of, written
 
-from modelsel.diagnosis.sentences import choose_prefix
+from modelsel.diagnosis.findings.sentences import choose_prefix
 from modelsel.report.document import walk_blocks
 from modelsel.report.html import write_page
 from modelsel.report.pages.parameter_uncertainty import (

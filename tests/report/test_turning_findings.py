@@ -12,8 +12,8 @@ import pytest
 from report_studies import source_of, terminal_lines, written
 
 from modelsel import Result, read_study, run_study
-from modelsel.diagnosis.sentences import format_angle
-from modelsel.measurements.row_places import Where
+from modelsel.diagnosis.findings.sentences import format_angle
+from modelsel.measurements.formats.row_places import Where
 from modelsel.report import drawing
 from modelsel.report.comparison_page import _write_finding
 from modelsel.report.document import Source, collect_blocks

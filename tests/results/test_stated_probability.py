@@ -7,8 +7,8 @@ import json
 import pytest
 from report_studies import read_source, written
 
-from modelsel.diagnosis.signatures import LEVELS, PROVEN
-from modelsel.diagnosis.stated_probability import (
+from modelsel.diagnosis.candidates.signatures import LEVELS, PROVEN
+from modelsel.diagnosis.findings.stated_probability import (
     describe_level_probability,
     find_named_level,
     find_stated_level,

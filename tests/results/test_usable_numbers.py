@@ -10,7 +10,7 @@ import pytest
 from builders import bind, drawn
 from builders import one as one_screw
 
-from modelsel.diagnosis.unregistered import build_cell
+from modelsel.diagnosis.shapes.unregistered import build_cell
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import Applied, Bump, Named, cos, q, sin, torque
 from modelsel.mechanisms.environment import temperature_rise

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from error_parts import part
 
-from modelsel.diagnosis import claim_sentences
+from modelsel.diagnosis.findings import claim_sentences
 from modelsel.fitting.error_structure import ErrorStructure
 from modelsel.fitting.noise import Floor
 from modelsel.results.repeatability import measure_unrepeated

@@ -16,9 +16,9 @@ from modelsel._short_numbers import round_numbers
 from modelsel.calibration.compensation import Commands
 from modelsel.cli.compensate import _sentence
 from modelsel.cli.main import run_command_line
-from modelsel.diagnosis.fitted_curves import find_waves, measure_heights
-from modelsel.diagnosis.sentences import describe_amount, format_angle, format_quantity
-from modelsel.diagnosis.stated_probability import bound_chance, format_chance, write_chance
+from modelsel.diagnosis.findings.fitted_curves import find_waves, measure_heights
+from modelsel.diagnosis.findings.sentences import describe_amount, format_angle, format_quantity
+from modelsel.diagnosis.findings.stated_probability import bound_chance, format_chance, write_chance
 from modelsel.mechanisms.causes import Bump
 from modelsel.mechanisms.terms import Screw, Term
 from modelsel.report.figures.finding import panel_height

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from builders import drawn, planted, seeds
 
-from modelsel.diagnosis.candidates import build_candidates, choose_strongest
+from modelsel.diagnosis.candidates.candidate_list import build_candidates, choose_strongest
 from modelsel.fitting.design import Model, compute_design
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.whitening import Whitening

@@ -13,11 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import integrate, stats
 
-from modelsel.diagnosis.candidate_columns import build_columns, stack_design
-from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate
-from modelsel.diagnosis.evidence import compute_single_f
-from modelsel.diagnosis.scan import build_scan, compute_basis
+from modelsel.diagnosis.candidates.candidate import Candidate
+from modelsel.diagnosis.columns.candidate_columns import build_columns, stack_design
+from modelsel.diagnosis.inference.evidence import compute_single_f
+from modelsel.diagnosis.inference.scan import build_scan, compute_basis
+from modelsel.diagnosis.shapes.candidate_kinds import CandidateKind
 from modelsel.fitting.design import Model, compute_design
 from modelsel.fitting.least_squares import fit
 from modelsel.mechanisms.causes import ONE

@@ -851,7 +851,7 @@ def test_several_targets_are_not_taken_for_the_one_that_was_calibrated(rng, tmp_
 def test_drawn_scenes_have_no_slips(rng) -> None:
     """The nominal arm with the errors of an assembled one, gross rows in random directions: no slip
     explains these."""
-    from modelsel.diagnosis.mistaken_rows import describe_slips
+    from modelsel.diagnosis.faults.mistaken_rows import describe_slips
     from modelsel.fitting.design import residuals
 
     for _ in range(20):

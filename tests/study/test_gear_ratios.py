@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from modelsel.cli.main import run_command_line
 from modelsel.config.study_file import parse_study
 from modelsel.exceptions import StudyError
-from modelsel.measurements.gear_ratios import find_gear_ratios
+from modelsel.measurements.formats.gear_ratios import find_gear_ratios
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.campaign_registry import set_gear_ratios
 from modelsel.mechanisms.registry import BUILTIN, build_mechanisms

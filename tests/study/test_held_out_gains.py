@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 from builders import drawn, planted, seeds, study_of, study_with
 
-from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate
-from modelsel.diagnosis.state import extend_model
+from modelsel.diagnosis.candidates.candidate import Candidate
+from modelsel.diagnosis.search.state import extend_model
+from modelsel.diagnosis.shapes.candidate_kinds import CandidateKind
 from modelsel.fitting.design import Model
 from modelsel.mechanisms.causes import q, sin
 from modelsel.mechanisms.registry import mechanism

@@ -11,7 +11,7 @@ import pytest
 from builders import OFF_AXIS, bind, measured, planted, seeds, small_campaign, study_of
 
 from modelsel import Study, run_study
-from modelsel.diagnosis.mistaken_rows import describe_slips
+from modelsel.diagnosis.faults.mistaken_rows import describe_slips
 from modelsel.fitting.design import Model, residuals
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements

@@ -10,7 +10,7 @@ import pytest
 from exact import flanges_of
 
 from modelsel.exceptions import DataError
-from modelsel.measurements.table import DataFile
+from modelsel.measurements.formats.table import DataFile
 from modelsel.robot.files import load_robot
 from modelsel.study.joined_study import draft_joined_study
 from modelsel.study.new_study import StudyDraft

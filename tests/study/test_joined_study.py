@@ -16,11 +16,11 @@ from click.testing import CliRunner, Result
 
 from modelsel.cli.main import run_command_line
 from modelsel.exceptions import DataError
-from modelsel.measurements.joining import find_joins, join_tables
-from modelsel.measurements.leftover_points import find_repeated_name
+from modelsel.measurements.formats.table import DataFile, load_table
 from modelsel.measurements.measurements import build_measurements
+from modelsel.measurements.pairing.joining import find_joins, join_tables
+from modelsel.measurements.pairing.leftover_points import find_repeated_name
 from modelsel.measurements.reader import read_measurements
-from modelsel.measurements.table import DataFile, load_table
 from modelsel.robot.files import load_robot
 from modelsel.robot.rigid import rotation_matrix
 from modelsel.study.joined_study import draft_joined_study

@@ -15,9 +15,9 @@ from click.testing import CliRunner, Result
 from modelsel.calibration.loading import load_calibration
 from modelsel.cli.main import run_command_line
 from modelsel.exceptions import DataError
+from modelsel.measurements.formats.table import DataFile
 from modelsel.measurements.measurements import build_measurements
 from modelsel.measurements.reader import read_measurements
-from modelsel.measurements.table import DataFile
 from modelsel.robot.files import load_robot
 from modelsel.study.joined_study import draft_joined_study
 from modelsel.study.simulation import simulate_points

@@ -14,11 +14,12 @@ from hidden_effects import Values, at
 from modelsel import Study, load_robot, run_study
 from modelsel.config.study_file import parse_study
 from modelsel.config.study_tables import ModelTable
-from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate, build_candidates
-from modelsel.diagnosis.options import DiagnosisOptions
-from modelsel.diagnosis.prior_weights import weigh_outcomes
-from modelsel.diagnosis.session_steps import place_steps
+from modelsel.diagnosis.candidates.candidate import Candidate
+from modelsel.diagnosis.candidates.candidate_list import build_candidates
+from modelsel.diagnosis.candidates.options import DiagnosisOptions
+from modelsel.diagnosis.candidates.prior_weights import weigh_outcomes
+from modelsel.diagnosis.candidates.session_steps import place_steps
+from modelsel.diagnosis.shapes.candidate_kinds import CandidateKind
 from modelsel.exceptions import StudyError
 from modelsel.fitting.design import Model
 from modelsel.fitting.problem import Problem

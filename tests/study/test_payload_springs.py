@@ -10,11 +10,11 @@ from exact import flanges_of
 from held_loads import place_of, torques_of
 
 from modelsel._typing import Array
-from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate
-from modelsel.diagnosis.credible_sets import CredibleSet, Entry
-from modelsel.diagnosis.effects import Claim, Effect
-from modelsel.diagnosis.springs_apart import SpringsApart
+from modelsel.diagnosis.candidates.candidate import Candidate
+from modelsel.diagnosis.findings.effects import Claim, Effect
+from modelsel.diagnosis.findings.springs_apart import SpringsApart
+from modelsel.diagnosis.inference.credible_sets import CredibleSet, Entry
+from modelsel.diagnosis.shapes.candidate_kinds import CandidateKind
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import Fit, fit
 from modelsel.fitting.problem import Problem

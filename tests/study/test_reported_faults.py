@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from modelsel.diagnosis.data_faults import Fault, FaultKind
+from modelsel.diagnosis.candidates.fault_kinds import FaultKind
+from modelsel.diagnosis.faults.data_faults import Fault
 from modelsel.notices import Note
 from modelsel.study.checks import drop_known_faults
 

@@ -10,7 +10,7 @@ import pytest
 
 from modelsel import Study, StudyError, rehearse_study, run_study
 from modelsel.config.study_file import parse_study
-from modelsel.diagnosis.scanned_constants import drop_equal_constants
+from modelsel.diagnosis.candidates.scanned_constants import drop_equal_constants
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.campaign_registry import set_targets

@@ -11,6 +11,10 @@ from modelsel._typing import Array
 from modelsel.robot.kinematics import Robot
 
 WEIGHT = np.array([0.0, 0.0, -9.81])
+# mm, on the flange
+TOOL = np.array([60.0, -50.0, 80.0])
+# kg
+RATED = {"irb120": 3.0, "ur5e": 5.0, "ur10e": 12.0}
 
 
 def frame_of(arm: Robot, joint: int, q: Array) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 from hidden_arm import Effect, State, geometry, off
 from scipy.special import betaincc, fdtri, ncfdtr, ndtr
 
-from modelsel.diagnosis.scan import Scan
+from modelsel.diagnosis.inference.scan import Scan
 
 CERTAIN = 60.0
 

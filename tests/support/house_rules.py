@@ -34,6 +34,21 @@ FLOORS = (
     "study",
     "cli",
 )
+# The folders within a folder, top to bottom, by the same rule; the modules of the folder itself
+# stand below all of them.
+INNER_FLOORS = {
+    "measurements": ("formats", "campaign", "quantities", "recognition", "pairing"),
+    "diagnosis": (
+        "shapes",
+        "candidates",
+        "columns",
+        "inference",
+        "search",
+        "rivals",
+        "faults",
+        "findings",
+    ),
+}
 BASE = (
     "exceptions",
     "notices",
@@ -158,9 +173,25 @@ def absolute(node: ast.ImportFrom, name: str, *, is_package: bool) -> str:
     return ".".join(parts[: len(parts) - node.level + 1] + ([node.module] if node.module else []))
 
 
-def level_of(name: str) -> int | None:
-    folder = [*name.split("."), "__init__"][1]
-    return LEVEL.get(folder, 0 if folder.startswith("_") else None)
+def level_of(name: str, path: Path) -> tuple[int, int] | None:
+    """How far down the page a module stands: its floor, and where that has floors of its own which
+    of these; None for a folder without a floor."""
+    _, folder, module, *_ = *name.split("."), "__init__", "__init__"
+    level = LEVEL.get(folder, 0 if folder.startswith("_") else None)
+    inner = INNER_FLOORS.get(folder)
+    if level is None or inner is None:
+        return None if level is None else (level, 0)
+    if module in inner:
+        return level, inner.index(module)
+    is_folder = path.parent.name != folder
+    return None if is_folder else (level, len(inner))
+
+
+def floor_of(level: tuple[int, int]) -> str:
+    """The name of a floor: diagnosis, or diagnosis/search where it has floors of its own."""
+    floor = FLOORS[level[0]]
+    inner = INNER_FLOORS.get(floor, ())[level[1] :]
+    return f"{floor}/{inner[0]}" if inner else floor
 
 
 def floor_problems(package: Path) -> list[str]:
@@ -168,22 +199,24 @@ def floor_problems(package: Path) -> list[str]:
     circle."""
     known = modules_of(package)
     problems = [
-        f"{path}: {name} stands on no floor: move it into the folder of one of FLOORS (tests/support/house_rules.py)"
+        f"{path}: {name} stands on no floor: move it into the folder of one of FLOORS or INNER_FLOORS (tests/support/house_rules.py)"
         for name, path in known.items()
-        if level_of(name) is None
+        if level_of(name, path) is None
     ]
     graph: dict[str, set[str]] = {}
     for name, path in known.items():
         for_types = typing_lines(path)
         for line, target in imports_of(name, path, known):
-            here, there = level_of(name), level_of(target)
             if target not in known:
                 problems.append(f"{path}:{line}: {name} imports {target}, which does not exist")
                 continue
+            here, there = level_of(name, path), level_of(target, known[target])
             if not (line in for_types and name.split(".")[1:2] == target.split(".")[1:2]):
                 graph.setdefault(name, set()).add(target)
             if here is not None and there is not None and there > here:
-                floors = f"on floor '{FLOORS[here]}' imports {target} from floor '{FLOORS[there]}'"
+                floors = (
+                    f"on floor '{floor_of(here)}' imports {target} from floor '{floor_of(there)}'"
+                )
                 problems.append(f"{path}:{line}: {name} {floors}: imports point up the page")
     try:
         TopologicalSorter(graph).prepare()

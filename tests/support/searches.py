@@ -5,16 +5,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from modelsel.diagnosis.candidates import Candidate
+from modelsel.diagnosis.candidates.candidate import Candidate
+from modelsel.diagnosis.candidates.options import DEFAULT_OPTIONS
+from modelsel.diagnosis.candidates.signatures import LEVELS, PROVEN
 from modelsel.diagnosis.conclusion import conclude, prove
-from modelsel.diagnosis.effects import Effect
-from modelsel.diagnosis.options import DEFAULT_OPTIONS
-from modelsel.diagnosis.outcome import Diagnosis
+from modelsel.diagnosis.findings.effects import Effect
+from modelsel.diagnosis.findings.outcome import Diagnosis
 from modelsel.diagnosis.procedure import diagnose_split
+from modelsel.diagnosis.search.state import Search
+from modelsel.diagnosis.search.stepwise import explore
 from modelsel.diagnosis.separation import Inquiry, separate
-from modelsel.diagnosis.signatures import LEVELS, PROVEN
-from modelsel.diagnosis.state import Search
-from modelsel.diagnosis.stepwise import explore
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.possible_parts import list_parts

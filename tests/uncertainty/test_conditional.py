@@ -11,7 +11,7 @@ from builders import drawn, planted, small_arm, study_of
 from scipy.special import logsumexp
 
 from modelsel._typing import Array
-from modelsel.diagnosis.evidence import RATIOS
+from modelsel.diagnosis.inference.evidence import RATIOS
 from modelsel.fitting.design import Model, compute_design
 from modelsel.fitting.least_squares import Fit, fit
 from modelsel.fitting.problem import Problem

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from builders import drawn, planted, small_arm, study_of
 
-from modelsel.diagnosis.sentences import describe_amount
-from modelsel.diagnosis.unregistered import build_bumps
+from modelsel.diagnosis.findings.sentences import describe_amount
+from modelsel.diagnosis.shapes.unregistered import build_bumps
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.mechanisms.causes import Cause, Named

@@ -11,8 +11,8 @@ import numpy as np
 
 from ..._typing import Array
 from ...exceptions import StudyError, sentence_list, suggest
-from ...measurements.reference_temperature import TEMPERATURE
-from ...measurements.state_names import StateKind, is_state_name, state_kind
+from ...measurements.campaign.reference_temperature import TEMPERATURE
+from ...measurements.campaign.state_names import StateKind, is_state_name, state_kind
 from ..command_notes import RANGE_TOLERANCE
 
 if TYPE_CHECKING:

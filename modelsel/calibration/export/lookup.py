@@ -14,7 +14,7 @@ import numpy as np
 
 from ..._typing import Array
 from ...fitting.problem import Problem
-from ...measurements.state_names import StateKind, state_kind
+from ...measurements.campaign.state_names import StateKind, state_kind
 from ...robot.rigid import AXES
 from ..constant_part import Part
 

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from ...exceptions import sentence_list, write_rounded
-from ...measurements.late_names import list_sources
-from ...measurements.reference_temperature import TEMPERATURE
+from ...measurements.campaign.late_names import list_sources
+from ...measurements.campaign.reference_temperature import TEMPERATURE
 from ...mechanisms.environment import find_references
 from ..arm_alone import list_instrument_names
 from ..late_effects import describe_unknown_history

@@ -17,7 +17,7 @@ import numpy as np
 from ..._typing import Array
 from ...fitting.design import PLACE
 from ...fitting.problem import Problem
-from ...measurements.state_names import StateKind, state_kind
+from ...measurements.campaign.state_names import StateKind, state_kind
 from ...mechanisms.causes import Applied, Bump, Cause, Combined, Named, Number
 from ..constant_part import constant_entries, split_parts
 from ..prediction import compute_pose, to_tracker_frame

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from functools import partial
 
 from ..._short_numbers import round_numbers
-from ...diagnosis.stated_probability import bound_chance, format_probability
-from ...measurements.row_places import Where
-from ...measurements.state_names import StateKind, state_kind
+from ...diagnosis.findings.stated_probability import bound_chance, format_probability
+from ...measurements.campaign.state_names import StateKind, state_kind
+from ...measurements.formats.row_places import Where
 from ...results.details_schema import FindingDetailsRecord
 from ...results.finding_advice import advise
 from ...results.finding_schema import BEYOND, BEYOND_WORDS, EntryRecord, FindingRecord

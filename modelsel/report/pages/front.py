@@ -7,7 +7,7 @@ from functools import partial
 from math import degrees
 
 from ..._short_numbers import round_numbers
-from ...diagnosis.name_legend import PAIR, explain_names
+from ...diagnosis.findings.name_legend import PAIR, explain_names
 from ...exceptions import sentence_list
 from ...results.details_schema import DetailsRecord
 from ...results.finding_advice import advise, list_frames

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 
-from ...diagnosis.sentences import choose_prefix
+from ...diagnosis.findings.sentences import choose_prefix
 from ...results.model_schema import QuantilesRecord, SamplingRecord
 from ...results.parameter_table import number_owners
 from ...results.schema import StudyRecord

@@ -1,0 +1,1 @@
+"""Columns of the design: what each candidate moves at every row."""

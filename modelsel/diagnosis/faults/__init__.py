@@ -1,0 +1,1 @@
+"""Faults of the data: rows that are far off, mistaken or exchanged."""

@@ -1,0 +1,1 @@
+"""Rivals of a finding: shapes that no list has, one in the place of several, other drivers."""

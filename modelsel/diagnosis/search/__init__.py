@@ -1,0 +1,1 @@
+"""The search for effects: step by step, then over sets of them."""

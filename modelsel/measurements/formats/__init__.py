@@ -1,0 +1,1 @@
+"""Text tables, spreadsheets and Parquet files, read as tables of named columns."""

@@ -1,0 +1,1 @@
+"""Which columns of a file are what: readings, positions, orientations, covariates."""
