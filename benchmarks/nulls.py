@@ -137,7 +137,7 @@ def take_equal_noise_for_granted() -> None:
     """The program as it would be without the signs of whole postures and groups."""
     modelsel.diagnosis.search.state.Search.expand_partitions = lambda self, view: []
     modelsel.diagnosis.search.state.Search.compute_sign_p = lambda *_: 0.0
-    modelsel.diagnosis.unexplained.compute_group_p = lambda *_: 1.0
+    modelsel.diagnosis.unexplained.find_together = lambda *_: None
     modelsel.uncertainty.bootstrap.Bootstrap.p_value = lambda *_: 0.0
     own = modelsel.uncertainty.parameters.run_bootstrap
 

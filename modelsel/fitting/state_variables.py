@@ -160,13 +160,16 @@ class StateVariables:
         if len(self.tools) == 1 and self.robot.payload_at_mm is None:
             return self.pose()
         readings = self.data.q
-        return pose(self.robot, readings, self.load_place())
+        place = self.load_place()
+        return pose(self.robot, readings, place)
 
     def load_place(self) -> Array:
         """Return where a load hangs in the flange's frame (3,) [mm]: as stated, else at the mean of all
         targets."""
         stated = self.robot.payload_at_mm
-        return self.tools.mean(0) if stated is None else np.array(stated)
+        if stated is None:
+            return np.asarray(self.tools.mean(0))
+        return np.array(stated)
 
 
 def _needs_chain(name: str) -> bool:

@@ -20,7 +20,8 @@ def number_stretches(data: Measurements) -> Index | None:
     are of none, or the order of motion is not known."""
     if data.path is None or data.on_path is None:
         return None
-    continues = _find_continuing(data.path.steps, data.path.opens)
+    path = data.path
+    continues = _find_continuing(path.steps, path.opens)
     stretch = np.cumsum(~continues) - 1
     visits = np.bincount(stretch)
     of_row = stretch[data.on_path]
@@ -30,7 +31,8 @@ def number_stretches(data: Measurements) -> Index | None:
     # postures measured from elsewhere keep numbers of their own
     alone = len(visits) + data.block
     label = np.where(on_line, of_row, alone)
-    return np.unique(label, return_inverse=True)[1].reshape(-1)
+    _, number = np.unique(label, return_inverse=True)
+    return number.reshape(-1)
 
 
 def measure_row_steps(data: Measurements) -> Array:
@@ -50,15 +52,21 @@ def measure_row_steps(data: Measurements) -> Array:
 def _find_continuing(steps: Array, opens: Mask) -> Mask:
     """Find the visits (v,) that the arm came to along the line of the one before: by a step (v, n) that is about
     the one before it, or the next."""
-    spread = np.abs(steps).max(axis=0)
+    size = np.abs(steps)
+    spread = size.max(axis=0)
     scaled = steps / np.maximum(spread, TINY)
     length = np.linalg.norm(scaled, axis=1)
-    change = np.linalg.norm(np.diff(scaled, axis=0), axis=1)
-    longer = np.maximum(length[1:], length[:-1])
+    turns = np.diff(scaled, axis=0)
+    change = np.linalg.norm(turns, axis=1)
+    before, after = length[:-1], length[1:]
+    longer = np.maximum(before, after)
     is_like = change <= SMOOTH * longer
     # a visit where the arm stays is no motion, and a group's first visit has none before it
-    is_like &= (length[1:] > 0) & ~opens[1:] & ~opens[:-1]
+    is_like &= after > 0
+    is_like &= ~opens[1:]
+    is_like &= ~opens[:-1]
     continues = np.zeros(len(steps), bool)
     continues[1:] |= is_like
     continues[:-1] |= is_like
-    return np.asarray(continues & ~opens)
+    continues &= ~opens
+    return continues

@@ -223,8 +223,9 @@ def list_loads(robot: Robot, link: int) -> tuple[int, ...]:
     """List what may be known of the payload and of the stiffness at a link's end, and whether the link
     bends all along."""
     if link == robot.n:
-        is_stated = robot.payload_at_mm is not None
-        return (AT_TARGET,) if is_stated else (AT_TARGET, ANYWHERE, EACH_AXIS)
+        if robot.payload_at_mm is not None:
+            return (AT_TARGET,)
+        return AT_TARGET, ANYWHERE, EACH_AXIS
     if can_bend(robot, link):
         return AT_TARGET, *_list_beams(robot, link)
     return (AT_TARGET,)

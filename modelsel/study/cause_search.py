@@ -99,9 +99,9 @@ def find_open_mistake(
     """Find the mistake of the set-up, of the `notes` of the preparation, that the base leaves open: its
     fit is hopeless without its outliers, too. None where there is none, or where the base makes up
     for it."""
-    late = [note for note in notes if note.code == ROWS_LATE]
-    if late:
-        return late[0]
+    for note in notes:
+        if note.code == ROWS_LATE:
+            return note
     mistakes = [note for note in notes if note.code in FAR_CODES]
     if not mistakes:
         return None

@@ -28,17 +28,21 @@ class FirstLook:
         """Tell the errors of the nominal arm and of the fitted base, without the outlying rows (m,)."""
         study = self.study
         split = replace(self.split, outlying=outlying)
-        nominal_model = build_nominal(study, split.problem, self.registry)
+        problem = split.problem
+        nominal_model = build_nominal(study, problem, self.registry)
         nominal = evaluate(split, nominal_model, NOMINAL)
         base = evaluate(split, fitted.model, study.model.base, fitted)
         split = exclude_held_out_outliers(split, [nominal, base])
         sizes = []
         for evaluation in (nominal, base):
             measured = remeasure(evaluation, split)
-            rms_mm = measured.held_out.rms_mm
+            held_out = measured.held_out
+            rms_mm = held_out.rms_mm
             if rms_mm is None:  # no row is held out
                 return
-            sizes.append(write_rounded(rms_mm))
+            size = write_rounded(rms_mm)
+            sizes.append(size)
         first, second = sizes
         words = f"nominal arm {first} mm rms, base {second} mm, on held-out configurations"
-        self.say(News(words, kept=True))
+        news = News(words, kept=True)
+        self.say(news)

@@ -36,7 +36,9 @@ def exclude_held_out_outliers(
     """
     held_out = ~split.estimation
     far = held_out & ~split.outlying
-    alone = errors.of_instrument().whiten(split.problem.as_stated())
+    own = errors.of_instrument()
+    stated = split.problem.as_stated()
+    alone = own.whiten(stated)
     by_itself = replace(split, problem=alone)
     for evaluation in ladder[1:]:
         far = _find_far(by_itself, evaluation, far)

@@ -31,21 +31,23 @@ def late_row_notes(problem: Problem, base: Model) -> tuple[Note, ...]:
     data = problem.data
     if data.rate is not None or number_stretches(data) is None:
         return ()
-    steps = measure_row_steps(data)
-    columns = {STEP.format(j): column for j, column in enumerate(steps.T, 1)}
-    timed = replace(problem, data=replace(data, covariates={**data.covariates, **columns}))
+    timed = _add_steps(problem)
     late = _build_delay(problem.robot)
+    delayed = Model((*base.mechanisms, late))
     try:
         before = fit(problem, base)
-        after = fit(timed, Model((*base.mechanisms, late)), start=np.append(before.theta, 0.0))
+        start = np.append(before.theta, 0.0)
+        after = fit(timed, delayed, start=start)
     except NotEstimable:
         return ()
     (term,) = after.locate(late)
     delay = float(after.theta[term])
-    is_clear = abs(delay) > CLEAR * after.standard_errors[term]
+    error = after.standard_errors[term]
+    is_clear = abs(delay) > CLEAR * error
     if not is_clear or after.rss > LEAST_SHARE * before.rss:
         return ()
-    left, own = _measure_left(problem, before), _measure_left(timed, after)
+    left = _measure_left(problem, before)
+    own = _measure_left(timed, after)
     side = "later" if delay > 0 else "earlier"
     sentence = (
         f"The rows follow one another along lines, and positions {write_rounded(abs(delay))} of a step from row to row {side} "
@@ -53,6 +55,18 @@ def late_row_notes(problem: Problem, base: Model) -> tuple[Note, ...]:
         f"{write_rounded(left)} mm: readings and positions seem to belong to different moments. Add the time of every row (time_s), or measure where the arm stands still."
     )
     return (Note(ROWS_LATE, sentence),)
+
+
+def _add_steps(problem: Problem) -> Problem:
+    """Add to the measurements how far every motor goes from row to row along its line."""
+    data = problem.data
+    steps = measure_row_steps(data)
+    columns = dict(data.covariates)
+    for joint, column in enumerate(steps.T, 1):
+        name = STEP.format(joint)
+        columns[name] = column
+    timed = replace(data, covariates=columns)
+    return replace(problem, data=timed)
 
 
 def _build_delay(robot: Robot) -> Mechanism:

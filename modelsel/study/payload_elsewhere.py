@@ -27,7 +27,8 @@ from ..mechanisms.terms import Mechanism, Screw, Term
 from ..notices import Note
 
 # names of the torque [N m/kg] about a joint of 1 kg at the flange, and of what it gains by each mm along an axis
-AT_FLANGE, FURTHER = "held_at_flange", "held_further_{}"
+AT_FLANGE = "held_at_flange"
+FURTHER = "held_further_x", "held_further_y", "held_further_z"
 # mm along an axis, by which the latter is taken
 STEP_MM = 100.0
 # by how much the Bayesian information criterion must be lower, over all joints that are tried
@@ -55,18 +56,23 @@ def payload_elsewhere_notes(problem: Problem, fitted: Fit) -> tuple[Note, ...]:
     to the rows of `problem`."""
     robot = problem.robot
     payload = problem.data.covariates.get(PAYLOAD)
-    is_open = robot.gravity is not None and robot.payload_at_mm is None
-    if payload is None or not is_open or np.ptp(payload) == 0:
+    if payload is None or np.ptp(payload) == 0:
         return ()
-    best = max(_generate_places(problem, fitted), key=lambda one: one.gain, default=None)
+    if robot.gravity is None or robot.payload_at_mm is not None:
+        return ()
+    places = _generate_places(problem, fitted)
+    best = max(places, key=lambda one: one.gain, default=None)
     if best is None or best.gain < CLEAR:
         return ()
-    before = write_rounded(_measure_left(problem, fitted))
+    left = _measure_left(problem, fitted)
+    before = write_rounded(left)
     levers = _add_levers(problem, best.joint)
-    after = write_rounded(_measure_left(levers, best.fitted))
+    left = _measure_left(levers, best.fitted)
+    after = write_rounded(left)
     where = "elsewhere on the flange than at the target"
     if best.error_mm < VAGUE_MM:
-        listed = ", ".join(f"{value:.0f}" for value in best.mm)
+        rounded = best.mm.round().astype(int).tolist()
+        listed = ", ".join(map(str, rounded))
         where = (
             f"at [{listed}] mm in the flange frame (± {best.error_mm:.0f} mm), not at the target,"
         )
@@ -93,32 +99,39 @@ def _find_place(problem: Problem, fitted: Fit, joint: int) -> Place | None:
     the data do not determine a model."""
     robot = problem.robot
     own = joint_compliance(robot, joint, DECLARED)
-    kept = [
-        one
-        for one in fitted.model.mechanisms
-        if PAYLOAD not in one.names() and one.name != own.name
-    ]
+    kept = []
+    for one in fitted.model.mechanisms:
+        names = one.names()
+        if PAYLOAD not in names and one.name != own.name:
+            kept.append(one)
     held: Cause = Number(0.0)
     if knows_held_masses(robot, joint):
         held = motor_torque(robot, joint)
     elif joint in find_gravity_motors(robot):
         kept.append(own)
     payload = Named(PAYLOAD, "kg")
-    at_target = held + payload * motor_torque(robot, joint, robot.n + 1)
-    further = [payload * Named(FURTHER.format(axis)) for axis in "xyz"]
-    there = _build_spring(joint, [at_target])
-    anywhere = _build_spring(joint, [held + payload * Named(AT_FLANGE), *further])
+    body = robot.n + 1
+    at_target = payload * motor_torque(robot, joint, body)
+    at_flange = payload * Named(AT_FLANGE)
+    further = [payload * Named(name) for name in FURTHER]
+    there = _build_spring(joint, [held + at_target])
+    anywhere = _build_spring(joint, [held + at_flange, *further])
     levers = _add_levers(problem, joint)
-    try:
-        hung, found = (
-            fit_shrunk(levers, Model((*kept, spring)), fitted, held="nothing")
-            for spring in (there, anywhere)
-        )
-    except NotEstimable:
-        return None
-    least = min(_compute_criterion(one) for one in (fitted, hung))
-    gain = least - _compute_criterion(found)
-    return Place(joint, *_locate(found, anywhere), found, gain)
+    fits = []
+    for spring in (there, anywhere):
+        model = Model((*kept, spring))
+        try:
+            refitted = fit_shrunk(levers, model, fitted, held="nothing")
+        except NotEstimable:
+            return None
+        fits.append(refitted)
+    hung, found = fits
+    before = _compute_criterion(fitted)
+    at_best = _compute_criterion(hung)
+    after = _compute_criterion(found)
+    gain = min(before, at_best) - after
+    mm, error_mm = _locate(found, anywhere)
+    return Place(joint, mm, error_mm, found, gain)
 
 
 def _locate(fitted: Fit, spring: Mechanism) -> tuple[Array, float]:
@@ -138,28 +151,39 @@ def _locate(fitted: Fit, spring: Mechanism) -> tuple[Array, float]:
 def _build_spring(joint: int, causes: Sequence[Cause]) -> Mechanism:
     """Build a joint that yields to a torque, and to what it gains with the payload's place."""
     low, high = COMPLIANCE
-    sizes = [COMPLIANCE, *[(low, high * FAR_MM)] * 3]
-    terms = tuple(
-        Term(f"p{number}", (Screw(joint, "rz", cause),), size)
-        for number, (cause, size) in enumerate(zip(causes, sizes, strict=False))
-    )
-    return Mechanism("payload-elsewhere", terms, "", "", "")
+    usual = COMPLIANCE
+    terms = []
+    for number, cause in enumerate(causes):
+        screw = Screw(joint, "rz", cause)
+        term = Term(f"p{number}", (screw,), usual)
+        terms.append(term)
+        # times the place [mm]
+        usual = low, high * FAR_MM
+    return Mechanism("payload-elsewhere", tuple(terms), "", "", "")
 
 
 def _add_levers(problem: Problem, joint: int) -> Problem:
     """Add to the measurements what a payload's torque about a joint is made of."""
+    origin = np.zeros(3)
+    at_flange = _measure_torque(problem, joint, origin)
+    columns = {**problem.data.covariates, AT_FLANGE: at_flange}
+    steps = STEP_MM * np.eye(3)
+    for name, step in zip(FURTHER, steps, strict=True):
+        torque = _measure_torque(problem, joint, step)
+        gained = torque - at_flange
+        columns[name] = gained / STEP_MM
+    data = replace(problem.data, covariates=columns)
+    return replace(problem, data=data)
 
-    def hang(place: Array) -> Array:
-        x, y, z = place.tolist()
-        at = replace(problem, robot=replace(problem.robot, payload_at_mm=(x, y, z)))
-        return at.value(f"torque{joint}_{problem.robot.n + 1}")
 
-    at_flange = hang(np.zeros(3))
-    columns = {AT_FLANGE: at_flange}
-    for axis, step in zip("xyz", STEP_MM * np.eye(3), strict=True):
-        columns[FURTHER.format(axis)] = (hang(step) - at_flange) / STEP_MM
-    data = problem.data
-    return replace(problem, data=replace(data, covariates={**data.covariates, **columns}))
+def _measure_torque(problem: Problem, joint: int, place: Array) -> Array:
+    """Measure the torque (m,) [N m/kg] about a joint of 1 kg at a place (3,) [mm] on the flange."""
+    robot = problem.robot
+    x, y, z = place.tolist()
+    hung = replace(robot, payload_at_mm=(x, y, z))
+    at = replace(problem, robot=hung)
+    body = robot.n + 1
+    return at.value(f"torque{joint}_{body}")
 
 
 def _compute_criterion(fitted: Fit) -> float:

@@ -174,7 +174,6 @@ def _analyse_prepared(
         bool(faults),
     )
 
-    is_stated = study.robot.gravity is not None
     # every warning is collected here, in the order in which it is reported
     gain = nominal_errors.gain_of(chosen_errors)
     warnings = [
@@ -185,7 +184,7 @@ def _analyse_prepared(
             diagnosis.registered,
             steps[-1].fit,
             notes,
-            is_stated,
+            study.robot.gravity is not None,
         ),
         *untested.note(),
         *collect_diagnosis_notes(study, split, diagnosis, noise_notes, detection_limit.mm),

@@ -20,7 +20,7 @@ from modelsel.diagnosis.findings.outcome import Diagnosis
 from modelsel.diagnosis.inference.evidence import draw_null
 from modelsel.diagnosis.inference.residual_tests import (
     adjust_residual,
-    compute_group_p,
+    compute_together_p,
     partition_rows,
 )
 from modelsel.diagnosis.procedure import diagnose_split
@@ -313,8 +313,8 @@ def test_groups_go_together_or_not(rng) -> None:
     data = campaign(even, rng)[0].data
     own = rng.standard_normal((M, 3))
     shared = own + np.repeat(rng.standard_normal((GROUPS, 3)), EACH, 0) * 2
-    assert compute_group_p(data, own, rng) > 1e-3
-    assert compute_group_p(data, shared, rng) == pytest.approx(1e-3)
+    assert compute_together_p(data, data.group, own, rng) > 1e-3
+    assert compute_together_p(data, data.group, shared, rng) == pytest.approx(1e-3)
     for residual, count in ((own, M), (shared, GROUPS)):
         (unit,) = partition_rows(data, residual, rng)
         assert len(np.unique(unit)) == count
@@ -325,7 +325,7 @@ def test_groups_go_together_or_not(rng) -> None:
     assert len(np.unique(unit)) == M // 2
     assert [len(np.unique(unit)) for unit in partition_rows(again, shared, rng)] == [GROUPS, M // 2]
     few = replace(data, group=data.group // 2)  # four groups: sixteen patterns of signs are no null
-    assert compute_group_p(few, shared, rng) == 1.0
+    assert compute_together_p(few, few.group, shared, rng) == 1.0
 
 
 def test_signs_under_equal_noise_are_the_exact_null(rng) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from builders import seeds
 
 from modelsel._typing import Array
 from modelsel.mechanisms.registry import BUILTIN
@@ -128,8 +129,9 @@ def test_a_rehearsal_says_the_same_of_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_the_base_makes_up_for_is_searched(tmp_path: Path) -> None:
-    _write(tmp_path, _offset(np.random.default_rng()))
+@seeds(1, 2)
+def test_what_the_base_makes_up_for_is_searched(tmp_path: Path, rng: np.random.Generator) -> None:
+    _write(tmp_path, _offset(rng))
     record = run_study(tmp_path, sampling=False).record
     assert any(one.code == "setup-mistake" for one in record.warnings)
     assert [one.credible_set[0].name for one in record.findings] == ["encoder-eccentricity:2"]

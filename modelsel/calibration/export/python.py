@@ -136,8 +136,10 @@ def module_data(c: Calibration) -> dict[str, Any]:
 def place_load(c: Calibration) -> list[float]:
     """Return where a payload hangs in the flange's frame [mm]: as stated, else at the mean of the targets."""
     stated = c.robot.payload_at_mm
-    place = c.tools.mean(0) if stated is None else np.array(stated)
-    return [float(value) for value in place]
+    if stated is not None:
+        return list(stated)
+    place = c.tools.mean(0)
+    return list(map(float, place))
 
 
 def list_inputs(c: Calibration) -> list[str]:

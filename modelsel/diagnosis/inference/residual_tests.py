@@ -47,7 +47,8 @@ def partition_rows(
     Units are postures (equal readings, however often and with however many targets they were
     measured). Where residuals (m, 3) go together in groups or along lines, they are these; postures
     within one such unit each need no partition of their own then."""
-    posture = np.unique(data.block, return_inverse=True)[1].reshape(-1)
+    _, number = np.unique(data.block, return_inverse=True)
+    posture = number.reshape(-1)
     together = find_together(data, residual, rng)
     if together is None:
         return (posture,)
@@ -62,11 +63,15 @@ def partition_rows(
 def find_together(data: Measurements, residual: Array, rng: np.random.Generator) -> Index | None:
     """Find the units (m,) in which residuals (m, 3) of different configurations go together, where there are
     enough: groups, or lines along which the arm was measured; None where they do in neither."""
-    group = np.unique(data.group, return_inverse=True)[1].reshape(-1)
+    units = [data.group]
     stretch = number_stretches(data)
-    for unit in (group,) if stretch is None else (group, stretch):
-        if compute_together_p(data, unit, residual, rng) <= GROUP_LEVEL:
-            return unit
+    if stretch is not None:
+        units.append(stretch)
+    for unit in units:
+        p = compute_together_p(data, unit, residual, rng)
+        if p <= GROUP_LEVEL:
+            _, number = np.unique(unit, return_inverse=True)
+            return number.reshape(-1)
     return None
 
 
