@@ -49,10 +49,12 @@ def late_row_notes(problem: Problem, base: Model) -> tuple[Note, ...]:
     left = _measure_left(problem, before)
     own = _measure_left(timed, after)
     side = "later" if delay > 0 else "earlier"
+    percent = write_rounded(100 * abs(delay))
     sentence = (
-        f"The rows follow one another along lines, and positions {write_rounded(abs(delay))} of a step from row to row {side} "
-        f"than the joint readings beside them would leave {write_rounded(own)} mm rms where the base leaves "
-        f"{write_rounded(left)} mm: readings and positions seem to belong to different moments. Add the time of every row (time_s), or measure where the arm stands still."
+        f"The rows follow one another along lines. With positions {percent} % of a step from row to row {side} than the "
+        f"joint readings beside them, {write_rounded(own)} mm rms would be left, where the base leaves {write_rounded(left)} mm: "
+        "readings and positions seem to belong to different moments. Add the time of every row (time_s), or measure "
+        "where the arm stands still."
     )
     return (Note(ROWS_LATE, sentence),)
 

@@ -55,9 +55,9 @@ def test_late_readings_are_told(rng: Rng) -> None:
     share = float(rng.choice([-1, 1]) * rng.uniform(0.02, 0.05))
     (note,) = say(measure(q, q + share * step, rng))
     side = "later" if share > 0 else "earlier"
-    assert f"of a step from row to row {side} than" in note.sentence
-    told = float(note.sentence.split("positions ")[1].split()[0])
-    assert told == pytest.approx(abs(share), rel=0.1)
+    assert f"% of a step from row to row {side} than" in note.sentence
+    percent = float(note.sentence.split("With positions ")[1].split()[0])
+    assert percent == pytest.approx(100 * abs(share), rel=0.1)
 
 
 @seeds(1, 2, 3)
