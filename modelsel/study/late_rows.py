@@ -29,7 +29,9 @@ def late_row_notes(problem: Problem, base: Model) -> tuple[Note, ...]:
     """Return the warning that positions and readings of a problem belong to different moments, where one delay
     explains half of what the base leaves. Where there is a clock, the search finds that itself."""
     data = problem.data
-    if data.rate is not None or number_stretches(data) is None:
+    if data.rate is not None or data.gauges is not None:
+        return ()
+    if number_stretches(data) is None:
         return ()
     timed = _add_steps(problem)
     late = _build_delay(problem.robot)

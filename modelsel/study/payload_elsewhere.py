@@ -58,6 +58,8 @@ def payload_elsewhere_notes(problem: Problem, fitted: Fit) -> tuple[Note, ...]:
     payload = problem.data.covariates.get(PAYLOAD)
     if payload is None or np.ptp(payload) == 0:
         return ()
+    if problem.data.gauges is not None:  # lengths between rows have no place of their own
+        return ()
     if robot.gravity is None or robot.payload_at_mm is not None:
         return ()
     places = _generate_places(problem, fitted)
