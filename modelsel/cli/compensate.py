@@ -103,7 +103,7 @@ def compensate_command(
         find_carried_columns,
         list_point_names,
     )
-    from ..calibration.held_values import hold_values, read_held_values
+    from ..calibration.held_values import check_values, hold_values, read_held_values
     from ..calibration.loading import load_calibration
     from ..measurements.reader import read_measurements
     from ._later_files import load_later
@@ -117,6 +117,7 @@ def compensate_command(
     later = load_later(c, c.form.open(targets, sheet, decimal), log, columns).matched()
     held = hold_values(c, later.table, read_held_values(at))
     data = read_measurements(held, c.robot, later.columns, positions=False, once=False)
+    check_values(c, data)
     carried = find_carried_columns(c, held, later.columns)
     commands: Commands | None = None
     skipped: list[str] = []
