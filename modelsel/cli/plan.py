@@ -130,8 +130,8 @@ def plan_command(
     read = read_whole_study(path)
     if out is not None:
         pools = [] if pool_file is None else [pool_file]
-        check_table_path(out)
         check_output(out, (*list_input_files(read, path), *pools))
+        check_table_path(out)
     robot = read_study_robot(read, path.parent)
     check_joint_ranges(robot, ranges)
     _check_pool(pool, read, robot)
