@@ -5,7 +5,9 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -28,6 +30,8 @@ FOLDER = re.compile(
     r"(?![. ])[^\x00-\x1f/\\:*?\"<>|]{1,200}(?<![. ])",
     re.IGNORECASE,
 )
+# tables of a study file that a fleet file does not have
+STUDY_TABLES = {"robot", "measurements"}
 
 
 class _Table(BaseModel):
@@ -95,6 +99,7 @@ def read_fleet(path: Path) -> Fleet:
     refuse_measurements(path, "a fleet file")
     text = read_text(path, "the fleet file")
     table = parse_toml(text, path.name)
+    _refuse_study(path, table)
     folder = path.parent
     problems: list[str] = []
     try:
@@ -124,6 +129,18 @@ def read_fleet(path: Path) -> Fleet:
     if problems:
         raise StudyError(*(f"{path.name}: {problem}" for problem in problems))
     return Fleet(file.name, tuple(tasks), tuple(file.parts), folder)
+
+
+def _refuse_study(path: Path, table: Mapping[str, Any]) -> None:
+    """Refuse a study file in the place of a fleet file, and say what does with it. Raises StudyError."""
+    is_study = bool(STUDY_TABLES & table.keys())
+    lists_studies = bool({"studies", "study", "parts"} & table.keys())
+    if is_study and not lists_studies:
+        raise StudyError(
+            f"{path.name}: this is a study file, not a fleet file. modelsel study "
+            f"{shlex.quote(str(path))} runs it; a fleet file lists studies: "
+            'studies = ["*/study.toml"].'
+        )
 
 
 def _find_name_problems(names: list[str]) -> list[str]:
