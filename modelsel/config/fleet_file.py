@@ -84,18 +84,26 @@ class Task:
 
 
 @dataclass(frozen=True)
+class WrongStudy:
+    """A study of the fleet whose file cannot be read: the name of its folder, and why."""
+
+    name: str
+    why: str
+
+
+@dataclass(frozen=True)
 class Fleet:
     """A fleet, its files found: studies in the file's order, measurement sets in pieces."""
 
     name: str
-    tasks: tuple[Task, ...]
+    tasks: tuple[Task | WrongStudy, ...]
     parts: tuple[PartsTable, ...]
     folder: Path
 
 
 def read_fleet(path: Path) -> Fleet:
-    """Read a fleet file and the study files it names. Raises StudyError with every problem and its
-    place."""
+    """Read a fleet file and the study files it names; one that cannot be read is a `WrongStudy`.
+    Raises StudyError with every problem of the fleet file and its place."""
     refuse_measurements(path, "a fleet file")
     text = read_text(path, "the fleet file")
     table = parse_toml(text, path.name)
@@ -116,7 +124,7 @@ def read_fleet(path: Path) -> Fleet:
             entry = StudyTable(file=str(relative))
             entries.append(entry)
     entries += file.study
-    tasks = list[Task]()
+    tasks = list[Task | WrongStudy]()
     for entry in entries:
         task = _read_task(entry, folder, problems)
         if task is not None:
@@ -174,22 +182,25 @@ def find_files(folder: Path, pattern: str, problems: list[str]) -> list[Path]:
     return files
 
 
-def _read_task(entry: StudyTable, folder: Path, problems: list[str]) -> Task | None:
-    """Read a study with what is different in this entry; append to `problems` where it cannot
-    be."""
+def _read_task(entry: StudyTable, folder: Path, problems: list[str]) -> Task | WrongStudy | None:
+    """Read a study with what is different in this entry; append to `problems` where there is no
+    such file."""
     path = folder / entry.file
+    if path.is_dir():
+        path = path / STUDY_FILE
+    study_folder = path.parent
+    name = entry.name or path.resolve().parent.name
     try:
         study = read_study(path)
     except StudyError as error:
         # each says the file's name, and the path says it, too
         file = f"{path.name}: "
         bare = [problem.removeprefix(file) for problem in error.problems]
-        problems += [f"{entry.file}: {problem}" for problem in bare]
+        said = [f"{entry.file}: {problem}" for problem in bare]
+        if path.exists():
+            return WrongStudy(name, "\n".join(said))
+        problems += said
         return None
-    if path.is_dir():
-        path = path / STUDY_FILE
-    study_folder = path.parent
-    name = entry.name or path.resolve().parent.name
     study = _change_study(study, entry, folder, study_folder)
     return Task(name, study, study_folder)
 
