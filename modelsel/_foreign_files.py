@@ -85,6 +85,8 @@ UTF16_MARK = "ÿþ"
 OWN_SUFFIX = ".toml"
 OWN_FILE = "this is a study file or a robot file, not a table of measured points."
 OWN_REMEDY = "Give the measurements; modelsel study runs a study file."
+# what a study writes
+RESULTS = ("result.json", "calibration.json", "details.json")
 BYTE_ORDER_MARK = "ï»¿"
 # characters of a file's beginning that are looked at
 BEGINNING = 2000
@@ -186,4 +188,19 @@ def describe_foreign_robot(path: Path) -> str | None:
     return (
         f"{path.name}: this is {what}, in a format of its own, which is not read. Give the name of a built-in "
         "robot, a URDF, or the arm's DH parameters as a table (CSV or a spreadsheet)."
+    )
+
+
+def describe_no_robot(path: Path) -> str | None:
+    """Return why what is at a path is no robot file, and what to do; None where nothing is there."""
+    what = "a file, but not a robot file"
+    if path.is_dir():
+        what = "a folder"
+    elif not path.exists():
+        return None
+    elif path.name in RESULTS:
+        what = "a result of a study"
+    return (
+        f"{path}: this is {what}. Give the name of a built-in robot or a robot file: TOML, URDF, or a "
+        "table of DH parameters."
     )

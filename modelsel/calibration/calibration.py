@@ -32,7 +32,7 @@ from ..robot.kinematics import Robot
 from ..selection.evaluation import Split
 from .assumed_values import add_assumed
 from .estimation_rows import EstimationRows
-from .known_names import LABEL_NAMES, check_groups, check_targets, match_names
+from .known_names import LABEL_NAMES, check_groups, check_targets, match_names, refuse_without
 from .other_sides import OtherSide
 from .refitting import Refits, part_of
 
@@ -230,11 +230,7 @@ class Calibration:
             return problem
         completed = add_assumed(self, bound_data, missing)
         if completed is bound_data:
-            raise DataError(
-                f"the calibrated model needs {', '.join(missing)}, which the file does not have.",
-                remedy="Add a column for each; `modelsel compensate` takes one value for all rows, too: "
-                f"--at {missing[0]}=NUMBER.",
-            )
+            raise refuse_without(data, missing)
         return replace(problem, data=completed)
 
     @property

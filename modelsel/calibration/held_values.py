@@ -10,8 +10,11 @@ import numpy as np
 from ..exceptions import DataError, StudyError
 from ..measurements.campaign.state_names import is_state_name
 from ..measurements.formats.table import Table
+from ..measurements.measurements import Measurements
 from ..measurements.recognition.covariates import COVARIATE_LIMITS, MAX_COVARIATE
+from .assumed_values import find_assumed
 from .calibration import Calibration
+from .known_names import LABEL_NAMES, refuse_without
 
 
 def read_held_values(pairs: Sequence[str]) -> dict[str, float]:
@@ -54,6 +57,18 @@ def hold_values(c: Calibration, table: Table, held: Mapping[str, float]) -> Tabl
         _check_value(name, value)
         columns[name] = np.full(len(table), value)
     return replace(table, columns=columns)
+
+
+def check_values(c: Calibration, data: Measurements) -> None:
+    """Check that planned commands have every value that the calibrated model looks at and does not
+    assume. Raises DataError that says how one value is given for all of them."""
+    needed = {name for name in c.needs() if not is_state_name(name)}
+    missing = sorted(needed - LABEL_NAMES - data.covariates.keys())
+    if set(missing) <= find_assumed(c).keys():
+        return
+    raise refuse_without(
+        data, missing, f", or give one value for all rows: --at {missing[0]}=NUMBER"
+    )
 
 
 def _check_value(name: str, value: float) -> None:

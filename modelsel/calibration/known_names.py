@@ -1,4 +1,4 @@
-"""Targets and groups of new data among those that a calibration knows."""
+"""Targets, groups and covariates of new data among those that a calibration knows."""
 
 from __future__ import annotations
 
@@ -54,6 +54,18 @@ def check_groups(data: Measurements, calibrated: Names) -> None:
     unknown = [name for name in seen if name not in calibrated]
     if unknown:
         _refuse("group", unknown, calibrated)
+
+
+def refuse_without(data: Measurements, missing: Sequence[str], other_way: str = "") -> DataError:
+    """Return the error to raise of data without columns that a calibrated model needs; `other_way`:
+    what does as well as to add them."""
+    names = sentence_list(missing)
+    what = f"the calibrated model needs {names}, for which there is no column."
+    each = "one" if len(missing) == 1 else "a column for each"
+    remedy = f"Add {each}{other_way}."
+    if data.where.is_file:
+        return data.where.refuse(what, remedy=remedy)
+    return DataError(what, remedy=remedy)
 
 
 def _list_seen(index: Index, names: Names) -> Names:

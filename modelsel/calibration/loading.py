@@ -31,6 +31,8 @@ from .known_names import LABEL_NAMES
 from .other_sides import OtherSide
 from .refitting import Refits, refits_of
 
+RESULT_FILE = "result.json"
+RUN = ("data_sha256", "study_sha256")  # what files of one run have in common
 REPORTS = "reports"  # where `modelsel study` writes by default
 RELATIVE_TOLERANCE = 1e-6  # two numbers of a file that say the same
 REMEDY = "Run the study again."
@@ -38,9 +40,10 @@ STORED_LABELS = LABEL_NAMES - {"feature"}  # features of a set-up are no part of
 
 
 def load_calibration(path: Path | str) -> Calibration:
-    """Load a stored calibration: its file, the result.json beside it, or the folder of both. Raises
-    StudyError."""
-    file = _find_file(check_path(path, "the path of a calibration or of its folder"))
+    """Load a stored calibration: its file, the result.json beside it, or the folder of both, whose
+    result.json is of the same run. Raises StudyError."""
+    given = check_path(path, "the path of a calibration or of its folder")
+    file = _find_file(given)
     try:
         text = read_json_text(file)
     except FileNotFoundError:
@@ -49,13 +52,39 @@ def load_calibration(path: Path | str) -> Calibration:
         ) from None
     except ValueError as error:
         raise StudyError(f"{file.name}: cannot be read: {error}. {REMEDY}") from None
-    return parse_calibration(text, file.name)
+    calibration = parse_calibration(text, file.name)
+    is_alone = given == file
+    if not is_alone:
+        _check_result_beside(file.with_name(RESULT_FILE), calibration)
+    return calibration
+
+
+def _check_result_beside(result: Path, calibration: Calibration) -> None:
+    """Raise StudyError where a result.json is not of the run that a calibration beside it is of; where
+    there is none, the calibration stands for itself."""
+    folder = result.parent
+    remedy = f"{REMEDY} For the calibration alone, give {folder / CALIBRATION_FILE}."
+    try:
+        value = parse_json(read_json_text(result))
+    except FileNotFoundError:
+        return
+    except ValueError as error:
+        raise StudyError(f"{result}: cannot be read: {error}. {remedy}") from None
+    provenance = value.get("provenance") if isinstance(value, dict) else None
+    if not isinstance(provenance, dict):
+        raise StudyError(f"{result}: not the result of a study. {remedy}")
+    own = calibration.provenance
+    is_same = all(provenance.get(key) == own.get(key) for key in RUN)
+    if not is_same:
+        raise StudyError(
+            f"{folder}: {CALIBRATION_FILE} belongs to another run than {RESULT_FILE}. {remedy}"
+        )
 
 
 def _find_file(path: Path) -> Path:
     if path.is_dir():
         return find_report_folder(path) / CALIBRATION_FILE
-    if path.name == "result.json":
+    if path.name == RESULT_FILE:
         return path.with_name(CALIBRATION_FILE)
     return path
 

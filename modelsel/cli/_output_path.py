@@ -13,6 +13,8 @@ from .._files import STUDY_FILE
 from ..exceptions import StudyError, one_line
 
 REMEDY = "Give another file with {option}."
+# endings of a table's name: of text, of Parquet, and none
+TABLE_ENDINGS = ("", ".csv", ".txt", ".parquet", ".pq")
 RESULT_FILE = "result.json"  # says that a folder holds a result
 
 
@@ -49,16 +51,20 @@ def check_output(out: Path, inputs: Iterable[Path], option: str = "--out") -> No
 
 
 def check_table_path(out: Path) -> None:
-    """Refuse the name of a spreadsheet for a table, which is written as CSV or Parquet. Raises
-    StudyError."""
+    """Refuse the name of what is neither text nor Parquet for a table, which is written as one of
+    these. Raises StudyError."""
     from ..measurements.formats.spreadsheet import SPREADSHEET_SUFFIXES
 
     suffix = out.suffix.lower()
+    if suffix in TABLE_ENDINGS:
+        return
+    what, hint = f"as {suffix}", ""
     if suffix in SPREADSHEET_SUFFIXES:
-        raise StudyError(
-            f"{out}: a table is written as CSV or as Parquet, not as a spreadsheet ({suffix}). "
-            "Give a file .csv or .parquet with --out; spreadsheet programs open CSV."
-        )
+        what, hint = f"as a spreadsheet ({suffix})", "; spreadsheet programs open CSV"
+    raise StudyError(
+        f"{out}: a table is written as CSV or as Parquet, not {what}. "
+        f"Give a file .csv or .parquet with --out{hint}."
+    )
 
 
 def describe_other_result(folder: Path, study: str) -> str | None:

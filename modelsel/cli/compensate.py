@@ -103,20 +103,19 @@ def compensate_command(
         find_carried_columns,
         list_point_names,
     )
-    from ..calibration.held_values import hold_values, read_held_values
+    from ..calibration.held_values import check_values, hold_values, read_held_values
     from ..calibration.loading import load_calibration
     from ..measurements.reader import read_measurements
     from ._later_files import load_later
 
     if forward and form != "csv":
         raise click.UsageError("--forward corrects no command: it goes with --format csv.")
-    if form == "csv":
-        check_table_path(out)
-    check_output(out, (result, targets, *(() if log is None else (log.path,))))
+    _check_out(out, form, (result, targets, *(() if log is None else (log.path,))))
     c = load_calibration(result)
     later = load_later(c, c.form.open(targets, sheet, decimal), log, columns).matched()
     held = hold_values(c, later.table, read_held_values(at))
     data = read_measurements(held, c.robot, later.columns, positions=False, once=False)
+    check_values(c, data)
     carried = find_carried_columns(c, held, later.columns)
     commands: Commands | None = None
     skipped: list[str] = []
@@ -145,6 +144,14 @@ def compensate_command(
         print_prose("\n".join([*later.said, written, *(f"Note: {note}" for note in notes)]))
     if commands is not None:
         _check_commands(commands, data, skipped)
+
+
+def _check_out(out: Path, form: str, inputs: Sequence[Path]) -> None:
+    """Refuse an output file that would replace another, or whose ending is no table's where it is
+    one. Raises StudyError."""
+    check_output(out, inputs)
+    if form == "csv":
+        check_table_path(out)
 
 
 def _tabulate_real(

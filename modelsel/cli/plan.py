@@ -22,6 +22,9 @@ READING = re.compile(r"q\d+_")
 if TYPE_CHECKING:
     import pandas as pd
 
+    from ..config.study_file import Study
+    from ..measurements.formats.table import DataFile
+    from ..robot.kinematics import Robot
     from ..study.planning import MeasurementPlan
     from ..study.result import Result
 
@@ -127,10 +130,11 @@ def plan_command(
     read = read_whole_study(path)
     if out is not None:
         pools = [] if pool_file is None else [pool_file]
-        check_table_path(out)
         check_output(out, (*list_input_files(read, path), *pools))
+        check_table_path(out)
     robot = read_study_robot(read, path.parent)
     check_joint_ranges(robot, ranges)
+    _check_pool(pool, read, robot)
     registry, _ = with_plugins(robot=robot)
     planning = "choosing configurations"
     with show_progress([*list_steps(read, sampling=False), planning]) as say:
@@ -149,6 +153,17 @@ def plan_command(
         return
     _print_configurations(table, out)
     _print_words(planned, repeats, size, more)
+
+
+def _check_pool(pool: DataFile | None, study: Study, robot: Robot) -> None:
+    """Refuse a pool that cannot be read before the study runs. Raises DataError."""
+    from ..study.planning import read_pool
+    from ..study.result import find_file_form
+
+    if pool is None:
+        return
+    form = find_file_form(study)
+    read_pool(pool, robot, form)
 
 
 def _print_words(

@@ -28,8 +28,8 @@ def simulate_command(study: Path, out: Path, as_json: bool) -> None:
 
     path = study / STUDY_FILE if study.is_dir() else study
     read = read_whole_study(path, measured=False)
-    check_table_path(out)
     check_output(out, list_input_files(read, path))
+    check_table_path(out)
     frame = simulate_study(read, path.parent)
     write_frame(frame, out, NUMBERS)
     if as_json:

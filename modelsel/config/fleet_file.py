@@ -5,7 +5,9 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -28,6 +30,8 @@ FOLDER = re.compile(
     r"(?![. ])[^\x00-\x1f/\\:*?\"<>|]{1,200}(?<![. ])",
     re.IGNORECASE,
 )
+# tables of a study file that a fleet file does not have
+STUDY_TABLES = {"robot", "measurements"}
 
 
 class _Table(BaseModel):
@@ -80,21 +84,30 @@ class Task:
 
 
 @dataclass(frozen=True)
+class WrongStudy:
+    """A study of the fleet whose file cannot be read: the name of its folder, and why."""
+
+    name: str
+    why: str
+
+
+@dataclass(frozen=True)
 class Fleet:
     """A fleet, its files found: studies in the file's order, measurement sets in pieces."""
 
     name: str
-    tasks: tuple[Task, ...]
+    tasks: tuple[Task | WrongStudy, ...]
     parts: tuple[PartsTable, ...]
     folder: Path
 
 
 def read_fleet(path: Path) -> Fleet:
-    """Read a fleet file and the study files it names. Raises StudyError with every problem and its
-    place."""
+    """Read a fleet file and the study files it names; one that cannot be read is a `WrongStudy`.
+    Raises StudyError with every problem of the fleet file and its place."""
     refuse_measurements(path, "a fleet file")
     text = read_text(path, "the fleet file")
     table = parse_toml(text, path.name)
+    _refuse_study(path, table)
     folder = path.parent
     problems: list[str] = []
     try:
@@ -111,7 +124,7 @@ def read_fleet(path: Path) -> Fleet:
             entry = StudyTable(file=str(relative))
             entries.append(entry)
     entries += file.study
-    tasks = list[Task]()
+    tasks = list[Task | WrongStudy]()
     for entry in entries:
         task = _read_task(entry, folder, problems)
         if task is not None:
@@ -124,6 +137,18 @@ def read_fleet(path: Path) -> Fleet:
     if problems:
         raise StudyError(*(f"{path.name}: {problem}" for problem in problems))
     return Fleet(file.name, tuple(tasks), tuple(file.parts), folder)
+
+
+def _refuse_study(path: Path, table: Mapping[str, Any]) -> None:
+    """Refuse a study file in the place of a fleet file, and say what does with it. Raises StudyError."""
+    is_study = bool(STUDY_TABLES & table.keys())
+    lists_studies = bool({"studies", "study", "parts"} & table.keys())
+    if is_study and not lists_studies:
+        raise StudyError(
+            f"{path.name}: this is a study file, not a fleet file. modelsel study "
+            f"{shlex.quote(str(path))} runs it; a fleet file lists studies: "
+            'studies = ["*/study.toml"].'
+        )
 
 
 def _find_name_problems(names: list[str]) -> list[str]:
@@ -157,22 +182,25 @@ def find_files(folder: Path, pattern: str, problems: list[str]) -> list[Path]:
     return files
 
 
-def _read_task(entry: StudyTable, folder: Path, problems: list[str]) -> Task | None:
-    """Read a study with what is different in this entry; append to `problems` where it cannot
-    be."""
+def _read_task(entry: StudyTable, folder: Path, problems: list[str]) -> Task | WrongStudy | None:
+    """Read a study with what is different in this entry; append to `problems` where there is no
+    such file."""
     path = folder / entry.file
+    if path.is_dir():
+        path = path / STUDY_FILE
+    study_folder = path.parent
+    name = entry.name or path.resolve().parent.name
     try:
         study = read_study(path)
     except StudyError as error:
         # each says the file's name, and the path says it, too
         file = f"{path.name}: "
         bare = [problem.removeprefix(file) for problem in error.problems]
-        problems += [f"{entry.file}: {problem}" for problem in bare]
+        said = [f"{entry.file}: {problem}" for problem in bare]
+        if path.exists():
+            return WrongStudy(name, "\n".join(said))
+        problems += said
         return None
-    if path.is_dir():
-        path = path / STUDY_FILE
-    study_folder = path.parent
-    name = entry.name or path.resolve().parent.name
     study = _change_study(study, entry, folder, study_folder)
     return Task(name, study, study_folder)
 

@@ -79,8 +79,6 @@ def read_study_files(folder: Path) -> StudyFiles:
     """Read what `write_study_files` wrote, whole and of one run. Raises StudyError."""
     record, details = read_records(folder)
     calibration = load_calibration(folder)
-    hashes = (calibration.provenance.get(key) for key in ("data_sha256", "study_sha256"))
-    _check_run(tuple(hashes), record, folder, CALIBRATION_FILE)
     residuals = None
     if (folder / RESIDUALS).exists():
         counts = record.configurations

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from .._arguments import check_path
-from .._foreign_files import FOREIGN, describe_foreign_robot
+from .._foreign_files import FOREIGN, describe_foreign_robot, describe_no_robot
 from .._text import parse_toml, read_text
 from .._typing import Array
 from ..exceptions import StudyError
@@ -357,6 +357,9 @@ def load_robot(source: str | Path) -> Robot:
     path = check_path(source, ROBOT_EXPECTED)
     if not isinstance(source, str) or is_robot_file(source):
         return read_robot(path)
+    other = describe_no_robot(path) if source else None
+    if other is not None and find_any_builtin(source) is None:
+        raise StudyError(other)
     name = find_builtin(source)
     file = f"{name}.toml"
     text = files("modelsel").joinpath("robot", "catalogue", file).read_text(encoding="utf-8")
@@ -370,10 +373,19 @@ def as_robot(robot: Robot | str | Path) -> Robot:
     return load_robot(robot)
 
 
+def find_any_builtin(given: str) -> str | None:
+    """Find the built-in robot that a name means; None where it means none."""
+    name = find_robot_name(given, builtin_names())
+    if name is not None:
+        return name
+    full_names = list_full_names()
+    return find_full_name(given, full_names)
+
+
 def find_builtin(given: str) -> str:
     """Find the built-in robot that a name means, however it is spelled. Raises StudyError, with
     suggestions."""
-    name = find_robot_name(given, builtin_names()) or find_full_name(given, list_full_names())
+    name = find_any_builtin(given)
     if name is None:
         raise StudyError(f'unknown robot "{given}". {suggest_robots(given, builtin_names())}')
     return name

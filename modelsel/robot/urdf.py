@@ -177,7 +177,10 @@ def parse_urdf(text: str, where: str) -> ET.Element:
     try:
         return ET.fromstring(text)
     except ET.ParseError as error:
-        raise StudyError(f"{where}: not valid XML: {error}. Correct this place.") from None
+        remedy = "Correct this place."
+        if not text.lstrip().startswith("<"):
+            remedy = "A URDF is expected, which begins with <robot>."
+        raise StudyError(f"{where}: not valid XML: {error}. {remedy}") from None
 
 
 def _read_chain(root: ET.Element, chain: Sequence[ET.Element], where: str) -> Robot:

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from .._json import to_json
 from .._progress import News, keep_silent
 from .._typing import Say
 from .._workers import count_cores
-from ..config.fleet_file import Fleet, PartsTable, Task, find_files
+from ..config.fleet_file import Fleet, PartsTable, Task, WrongStudy, find_files
 from ..config.study_file import find_data
 from ..exceptions import CHECK_FAILED, DataError, ModelselError, StudyError, count_words
 from ..fitting.design import Model
@@ -141,8 +142,9 @@ def run_fleet(
     rows: dict[str, Row] = {}
     tasks = fleet.tasks
     count = len(tasks)
+    sound, wrong = _divide(tasks)
     if options.resume:
-        for task in tasks:
+        for task in sound:
             name = task.name
             folder = out / name
             if _is_finished(task, folder, options):
@@ -152,9 +154,9 @@ def run_fleet(
         done = len(rows)
         verb = "is" if done == 1 else "are"
         say(News(f"{done} of {count} {verb} finished already", done / count, kept=True))
-    waiting = [task for task in tasks if task.name not in rows]
+    waiting = [task for task in sound if task.name not in rows]
     finished = _run_tasks(waiting, out, client, options)
-    for row in finished:
+    for row in chain(wrong, finished):
         name = row["name"]
         state = row["state"]
         rows[name] = row
@@ -173,6 +175,19 @@ def run_fleet(
     names = [task.name for task in tasks]
     names += [part.name for part in fleet.parts]
     return [rows[name] for name in names]
+
+
+def _divide(tasks: Sequence[Task | WrongStudy]) -> tuple[list[Task], list[Row]]:
+    """Divide studies into those that can be run, and the rows of those that cannot be read."""
+    sound = list[Task]()
+    wrong = list[Row]()
+    for task in tasks:
+        if isinstance(task, WrongStudy):
+            row = _make_failed_row(task.name, task.why, StudyError.exit_code)
+            wrong.append(row)
+        else:
+            sound.append(task)
+    return sound, wrong
 
 
 def _run_tasks(

@@ -26,12 +26,13 @@ from ..calibration.plan_pool import Pool, build_pool
 from ..exceptions import StudyError, count_words, write_rounded
 from ..fitting.design import ROUNDING
 from ..measurements.campaign.visits import count_distinct
+from ..measurements.formats.file_form import FileForm
 from ..measurements.formats.table import Source, load_table
 from ..measurements.measurements import Measurements
 from ..measurements.quantities.columns import UNITS
 from ..measurements.reader import read_measurements
 from ..mechanisms.terms import Term
-from ..robot.kinematics import forward
+from ..robot.kinematics import Robot, forward
 from .configuration_pool import (
     COLLISIONS,
     describe_approaches,
@@ -304,10 +305,8 @@ def plan_next(
     seed = result.study.seed
     within = ""
     if pool is not None:
-        listed = load_table(pool)
-        mapping = calibration.form.map_columns(listed, {})
-        possible = read_measurements(listed, robot, mapping, positions=False)
-        possible = draw_approaches(possible, seed)
+        listed = read_pool(pool, robot, calibration.form)
+        possible = draw_approaches(listed, seed)
     else:
         data = result.problem.data
         given = {} if joints is None else joints
@@ -326,6 +325,14 @@ def plan_next(
     if repeats is not None and again is not None:
         table = add_rounds(table, again, generator(seed, "rounds"))
     return replace(plan, within=within, repeats=again, table=table)
+
+
+def read_pool(pool: Source, robot: Robot, form: FileForm) -> Measurements:
+    """Read the configurations that could be measured: columns have the contract's names, or those of
+    the study's own file. Raises DataError."""
+    listed = load_table(pool)
+    mapping = form.map_columns(listed, {})
+    return read_measurements(listed, robot, mapping, positions=False)
 
 
 def format_plan(plan: MeasurementPlan) -> list[str]:

@@ -211,6 +211,19 @@ def load_result(folder: Path | str) -> Result:
     return Result(files=read_study_files(path.parent if path.name == "result.json" else path))
 
 
+def find_file_form(study: Study) -> FileForm:
+    """Find how a study reads its measurements file."""
+    table = study.measurements
+    headerless = not table.header
+    return FileForm(
+        columns=table.columns,
+        sheet=table.sheet,
+        decimal=table.decimal,
+        headerless=headerless,
+        joined=table.joined,
+    )
+
+
 def _calibrate(run: StudyRun) -> Calibration:
     """Return a run's chosen model as a calibration, with what its other forms take."""
     chosen = run.models.chosen
@@ -224,8 +237,7 @@ def _calibrate(run: StudyRun) -> Calibration:
         bool(run.study.robot.register_),
         run.provenance,
     )
-    table = run.study.measurements
-    form = FileForm(table.columns, table.sheet, table.decimal, not table.header, table.joined)
+    form = find_file_form(run.study)
     refits = refit_forms(run.split, fitted, run.models.ladder)
     findings = run.diagnosis.findings
     doubtful = [one.effect.candidate for one in findings if one.doubtful]

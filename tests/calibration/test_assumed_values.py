@@ -50,7 +50,7 @@ def cold(c: Calibration):
 
 def test_a_finding_that_is_confirmed_wants_its_column(made) -> None:
     assert find_assumed(made) == {}
-    with pytest.raises(DataError, match="needs temperature_C, which the file does not have"):
+    with pytest.raises(DataError, match="needs temperature_C, for which there is no column"):
         correct(made, cold(made))
 
 

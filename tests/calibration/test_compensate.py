@@ -396,7 +396,17 @@ def test_a_value_of_all_rows_needs_no_column(made, tmp_path) -> None:
         return CliRunner().invoke(run_command_line, command)
 
     refused = ran(bare)
-    assert (refused.exit_code, f"--at {needed}=NUMBER" in refused.stderr) == (3, True)
+    assert refused.exit_code == 3
+    lacks = f"modelsel: bare.csv, line 1: the calibrated model needs {needed}, for which there is no column. Add one"
+    either = f"{lacks}, or give one value for all rows: --at {needed}=NUMBER.\n"
+    assert refused.stderr == either
+    measured = tmp_path / "measured.csv"
+    points = dict(zip(("x_mm", "y_mm", "z_mm"), at.data.position[1:9].T, strict=True))
+    pd.DataFrame(columns | points).to_csv(measured, index=False)
+    # no option of another command
+    validated = CliRunner().invoke(run_command_line, ["validate", str(tmp_path), str(measured)])
+    assert validated.exit_code == 3
+    assert validated.stderr == lacks.replace("bare", "measured") + ".\n"
     assert ran(bare, "--at", f"{needed}=24.5").exit_code == 0
     held = pd.read_csv(tmp_path / "o.csv")
     assert ran(full).exit_code == 0

@@ -58,6 +58,12 @@ def read_all(folder: Path) -> dict[str, bytes]:
         ("compensate result targets.csv --out c.xlsx", "not as a spreadsheet (.xlsx)"),
         ("simulate study --out c.ods", "not as a spreadsheet (.ods)"),
         ("plan study --out c.xls", "not as a spreadsheet (.xls)"),
+        (
+            "compensate result targets.csv --out c.docx",
+            "not as .docx. Give a file .csv or .parquet",
+        ),
+        ("simulate study --out c.PDF", "not as .pdf. Give a file .csv or .parquet"),
+        ("plan study --out c.json", "not as .json. Give a file .csv or .parquet"),
     ],
 )
 def test_nothing_that_is_there_is_replaced(place: Path, words: str, said: str) -> None:

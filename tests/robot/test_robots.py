@@ -417,6 +417,9 @@ def test_all_problems_of_a_robot_file_at_once() -> None:
         ("a.toml", "n = {b = {}}\nn.c = 1\n", "a key stands twice (at line 2"),
         ("b.toml", 'name = "b"', "b.toml: no [[joint]] found"),
         ("c.urdf", "<robot", "c.urdf: not valid XML"),
+        ("c.urdf", "<robot", "unclosed token: line 1, column 0. Correct this place."),
+        ("i.urdf", "", "column 0. A URDF is expected, which begins with <robot>."),
+        ("i.urdf", "q1_deg,q2_deg", "A URDF is expected, which begins with <robot>."),
         ("d.urdf", '<!DOCTYPE x [<!ENTITY e "e">]><robot/>', "refused"),
         ("e.urdf", '<robot name="e"><link name="a"/></robot>', "root link"),
         ("f.urdf", PAIR.format(kind="rotary"), 'Joint "ab" has type "rotary"; revolute, cont'),
@@ -428,6 +431,28 @@ def test_unreadable_robot_files(file, text, message, tmp_path) -> None:
     (tmp_path / file).write_text(text)
     with pytest.raises(StudyError, match=re.escape(message)):
         read_robot(tmp_path / file)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("arms", "this is a folder. Give the name of a built-in robot or a robot file"),
+        ("result.json", "this is a result of a study. Give the name of a built-in robot"),
+        ("arm.docx", "this is a file, but not a robot file. Give the name of a built-in robot"),
+        ("nowhere/arm", 'unknown robot "nowhere/arm"'),
+    ],
+)
+def test_a_path_that_is_no_robot_file_is_called_what_it_is(
+    name: str, said: str, tmp_path, monkeypatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for folder in ("arms", "puma760"):
+        Path(folder).mkdir()
+    for file in ("result.json", "arm.docx"):
+        Path(file).write_text("{}")
+    with pytest.raises(StudyError, match=re.escape(said)):
+        load_robot(name)
+    assert load_robot("puma760").n == 6  # whatever else has its name
 
 
 def test_lengths_in_the_wrong_unit_are_refused() -> None:

@@ -362,10 +362,30 @@ def test_the_base_of_an_own_ladder_is_its_rung(tmp_path) -> None:
     assert (row["found"], row["found_as"]) == ("overshoot:4", "overshoot:4")
 
 
-def test_the_file_of_a_wrong_study_is_said_once(folder) -> None:
-    wrong = folder / "arm1" / "study.toml"
-    wrong.write_text(wrong.read_text().replace("seed", "sed"))
-    with pytest.raises(StudyError) as error:
+def test_a_study_file_that_cannot_be_read_stops_no_other(folder, monkeypatch) -> None:
+    """It is no TOML, or has a key that there is not: its row says why, with its file once."""
+
+    def run_at_once(tasks, *_):
+        return [{"name": task.name, "state": "done", "exit": 0} for task in tasks]
+
+    monkeypatch.setattr(fleets, "_run_tasks", run_at_once)
+    monkeypatch.setattr(fleets, "fit_measurement_set", lambda table, *_: {"state": "done"})
+    for name, old, new in (("arm1", "seed", "sed"), ("arm3", "[robot]", "[robot")):
+        wrong = folder / name / "study.toml"
+        wrong.write_text(wrong.read_text().replace(old, new))
+    said: list[str] = []
+    rows = run_fleet(
+        read_fleet(folder / "fleet.toml"), folder / "out", None, QUICK, say=said.append
+    )
+    states = [row["state"] for row in rows]
+    assert states == ["done", "failed", "done", "failed", "done", "done", "done"]
+    assert [rows[k]["exit"] for k in (1, 3)] == [2, 2]
+    assert rows[1]["why"].startswith("arm1/study.toml: unknown key")
+    assert rows[3]["why"].startswith("arm3/study.toml: not valid TOML")
+    assert any("arm3: failed" in line for line in said)
+
+
+def test_a_study_file_that_is_not_there_is_a_fault_of_the_fleet_file(folder) -> None:
+    (folder / "fleet.toml").write_text('name = "x"\n[[study]]\nfile = "arm9/study.toml"\n')
+    with pytest.raises(StudyError, match=r"fleet\.toml: arm9/study\.toml: .*no such"):
         read_fleet(folder / "fleet.toml")
-    (problem,) = error.value.problems
-    assert problem.startswith("fleet.toml: arm1/study.toml: unknown key")

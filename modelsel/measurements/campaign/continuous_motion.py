@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from ..._typing import Array, Index
+from ..._typing import Array, Index, Mask
 from .motion import Motion
-from .rates import average_by_time, derive_rates
+from .rates import Runs, average_by_time, derive_rates, find_runs
 
 # seconds between rows, on average, above which an arm has the time to stop for each
 LONGEST_INTERVAL = 10.0
 # of the steps from row to row, what the rows around one leave of its readings where a motion goes on
 SMOOTH = 0.25
-# rows around one that tell it, two before and two after, and times from which that is known
+# rows around one that tell it, up to two before and two after, and times from which that is known
 AROUND = np.array([-2, -1, 1, 2])
 FEWEST_TIMES = 12
 
@@ -38,7 +39,8 @@ def add_speed(
     still = Speed(rate, False)
     if time is None or rate is None:
         return motion, still
-    moves = goes_on(readings, group, time)
+    moving = rate.any(axis=1)  # a visit that lasts is no motion, though readings creep in it
+    moves = goes_on(readings[moving], group[moving], time[moving])
     if not moves:
         return motion, still
     directed = _direct(motion, rate)
@@ -48,62 +50,77 @@ def add_speed(
 
 def goes_on(readings: Array, group: Index, time: Array) -> bool:
     """Return whether an arm moves on while it is measured: rows follow each other fast, and the rows
-    around one tell its readings (m, n)."""
-    left = 0.0
-    stepped = 0.0
+    around one tell its readings (m, n). What lies beyond a pause tells nothing."""
+    apart = [np.zeros(0)]
+    steps = [np.zeros(0)]
     intervals = [np.zeros(0)]
+    counted = 0
     for number in np.unique(group):
         is_own = group == number
         own = readings[is_own]
         own_time = time[is_own]
         times, _, means = average_by_time(own, own_time)
-        count = len(times)
-        if count < FEWEST_TIMES:
-            continue
-        told = _interpolate(times, means)
-        apart = means[2:-2] - told
-        steps = np.diff(means, axis=0)
-        left += count * _mean_square(apart)
-        stepped += count * _mean_square(steps)
+        runs = find_runs(times)
+        told, is_told = _interpolate(times, means, runs)
+        off = means - told
+        apart.append(off[is_told].ravel())
+        is_long = runs.is_long
+        counted += int(is_long.sum())
+        is_same = runs.begin[1:] == runs.begin[:-1]
+        is_step = is_same & is_long[1:]
+        step = np.diff(means, axis=0)
+        steps.append(step[is_step].ravel())
         interval = np.diff(times)
-        intervals.append(interval)
-    between = np.concatenate(intervals)
-    if not stepped:
+        intervals.append(interval[is_step])
+    left = _mean_square(apart)
+    stepped = _mean_square(steps)
+    if counted < FEWEST_TIMES or not stepped:
         return False
+    between = np.concatenate(intervals)
     typical = float(np.median(between))
     is_fast = typical <= LONGEST_INTERVAL
     most = SMOOTH**2 * stepped
     return is_fast and left <= most
 
 
-def _mean_square(values: Array) -> float:
+def _mean_square(parts: Sequence[Array]) -> float:
+    values = np.concatenate(parts)
+    if not len(values):
+        return 0.0
     squares = values**2
     mean = squares.mean()
     return float(mean)
 
 
-def _interpolate(times: Array, values: Array) -> Array:
-    """Interpolate values (u, n) at growing times (u,) from those around each, but for two at either
-    end: by the polynomial through them (Lagrange)."""
-    last = len(times) - 2
-    own = np.arange(2, last)
-    near = own[:, None] + AROUND
+def _interpolate(times: Array, values: Array, runs: Runs) -> tuple[Array, Mask]:
+    """Interpolate values (u, n) at growing times (u,) from those around each in its run: by the
+    polynomial through them (Lagrange). Whether there is one on either side (u,) comes with them."""
+    count = len(times)
+    own = np.arange(count)
+    places = own[:, None] + AROUND
+    begins = places >= runs.begin[:, None]
+    is_near = begins & (places < runs.end[:, None])
+    near = np.clip(places, 0, count - 1)
     near_times = times[near]
-    own_times = times[own]
-    to_own = own_times[:, None] - near_times
+    to_near = times[:, None] - near_times
+    to_own = np.where(is_near, to_near, 1.0)
     first = near_times[:, :, None]
     second = near_times[:, None, :]
     between = first - second
-    count = len(AROUND)
-    each = np.arange(count)
+    size = len(AROUND)
+    each = np.arange(size)
     between[:, each, each] = 1.0
-    others = np.repeat(to_own[:, None, :], count, axis=1)
+    are_near = is_near[:, :, None] & is_near[:, None, :]
+    between[~are_near] = 1.0
+    others = np.repeat(to_own[:, None, :], size, axis=1)
     others[:, each, each] = 1.0
     weights = others.prod(axis=2)
     weights /= between.prod(axis=2)
+    weights[~is_near] = 0.0
     near_values = values[near]
     told = np.einsum("up,upn->un", weights, near_values)
-    return np.asarray(told)
+    before, after = is_near[:, 1], is_near[:, 2]
+    return np.asarray(told), before & after
 
 
 def _direct(motion: Motion, rate: Array) -> Motion:

@@ -44,6 +44,43 @@ def test_an_arm_that_stops_for_each_row_is_in_no_motion(rng: Rng) -> None:
     assert not build(q[:8], time[:8]).in_motion
 
 
+def draw_lines(rng: Rng, lines: int, per_line: int) -> tuple[Array, Array]:
+    """Times (m,) of lines that begin anywhere, with a pause between them, and the readings (m, 3)."""
+    within = 0.25 * np.arange(per_line)
+    time = (within + (within[-1] + 3.25) * np.arange(lines)[:, None]).ravel()
+    start, speed = rng.uniform(-1, 1, (2, lines, 1, 3))
+    q = start + speed * within[:, None]
+    return time, q.reshape(-1, 3)
+
+
+@seeds(1, 2, 3)
+@pytest.mark.parametrize("per_line", [3, 4, 9])
+def test_lines_with_pauses_between_them_are_a_motion(per_line: int, rng: Rng) -> None:
+    """Whether or not a column says which rows are a line."""
+    time, q = draw_lines(rng, 14, per_line)
+    line = np.repeat([f"L{k}" for k in range(14)], per_line)
+    assert build(q, time).in_motion
+    assert build(q, time, group=line).in_motion
+    assert not build(rng.permutation(q), time).in_motion
+    assert not build(rng.permutation(q), time, group=line).in_motion
+
+
+@seeds(1, 2, 3)
+def test_readings_that_creep_while_the_arm_stops_are_no_motion(rng: Rng) -> None:
+    time, q = draw_lines(rng, 14, 5)
+    goals = np.repeat(q[::5], 5, axis=0)
+    assert not build(goals + 1e-6 * (q - goals), time).in_motion
+
+
+@seeds(1, 2, 3)
+def test_the_first_row_of_a_line_has_the_direction_of_the_line(rng: Rng) -> None:
+    time, q = draw_lines(rng, 14, 9)
+    data = build(q, time)
+    line = np.sign(q[1::9] - q[::9])
+    found = data.approach.reshape(14, 9, 3)
+    assert (found[1:] == line[1:, None]).all()
+
+
 @seeds(1, 2, 3)
 def test_where_a_joint_turns_back_its_speed_tells_the_direction(rng: Rng) -> None:
     time, q, rate = swing(rng, 200, 1.0)

@@ -33,11 +33,41 @@ def test_rates_are_the_derivative_of_the_readings(rng: np.random.Generator) -> N
 
 @pytest.mark.parametrize("degree", [1, 2, 3, 4])
 def test_a_polynomial_has_its_exact_derivative(degree: int, rng: np.random.Generator) -> None:
-    time = np.sort(rng.uniform(-1, 1, 12))
+    time = np.linspace(-1, 1, 12) + rng.uniform(-0.04, 0.04, 12)
     factors = rng.normal(size=degree + 1)
     q = np.polyval(factors, time)[:, None]
     found = derive_rates(q, np.zeros(12, np.intp), np.arange(12), time)
     np.testing.assert_allclose(found[:, 0], np.polyval(np.polyder(factors), time), atol=1e-6)
+
+
+@seeds(1, 2, 3)
+@pytest.mark.parametrize("per_line", [3, 4, 9])
+def test_no_rate_looks_across_a_pause(per_line: int, rng: np.random.Generator) -> None:
+    """Lines that joints follow as polynomials of second degree, apart by a pause in which the arm goes
+    elsewhere: the rates are exact at the ends of each, too."""
+    lines = 14
+    within = 0.25 * np.arange(per_line)
+    time = (within + (within[-1] + 3.25) * np.arange(lines)[:, None]).ravel()
+    start, speed, bend = rng.uniform(-1, 1, (3, lines, 1, 4))
+    q = start + speed * within[:, None] + bend * within[:, None] ** 2
+    rate = speed + 2 * bend * within[:, None]
+    m = len(time)
+    found = derive_rates(q.reshape(m, 4), np.zeros(m, np.intp), np.arange(m), time)
+    np.testing.assert_allclose(found, rate.reshape(m, 4), atol=1e-9)
+
+
+def test_a_clock_that_ticks_slower_from_some_time_on_has_no_pauses() -> None:
+    time = np.append(0.1 * np.arange(200), 20 + np.arange(30))
+    q = time[:, None] ** 3 / 1e3
+    m = len(time)
+    found = derive_rates(q, np.zeros(m, np.intp), np.arange(m), time)
+    np.testing.assert_allclose(found[:, 0], 3 * time**2 / 1e3, atol=1e-6)
+
+
+def test_a_row_alone_between_pauses_has_the_rate_of_its_neighbours() -> None:
+    time = np.array([0.0, 1, 2, 3, 4, 9, 14, 15, 16, 17, 18])
+    found = derive_rates(2 * time[:, None], np.zeros(11, np.intp), np.arange(11), time)
+    np.testing.assert_allclose(found, 2.0)
 
 
 def test_an_arm_that_stands_still_has_no_rate(rng: np.random.Generator) -> None:
