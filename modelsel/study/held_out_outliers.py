@@ -31,8 +31,8 @@ def exclude_held_out_outliers(
     The rule is fixed on the estimation rows: beyond GROSS robust standard deviations of their
     residuals, and of what the parameters leave open. Rows are judged by themselves, by what the
     instrument has in their directions: among `errors` that rows share, a bad shot would make its
-    neighbours bad. Where more than MAX_OUTLIER_SHARE of the rows
-    would be marked, and more than one, beside those that a slip explains, these alone are.
+    neighbours bad. Where more than MAX_OUTLIER_SHARE of the rows would be marked, and more than one,
+    beside those that a slip explains, these alone are.
     """
     held_out = ~split.estimation
     far = held_out & ~split.outlying

@@ -5,8 +5,8 @@ only. Heavy tails, noise that grows with the reach or is larger in one direction
 errors that targets or the repeats of a posture share, and errors that last from one configuration
 to the next all resemble an effect, and no single test of the residual detects all of them. So the
 residual's own rows are always tested too: signs are drawn for whole postures (for whole groups, or
-lines along which the arm was measured, where their rows go together), so that whatever the rows of a posture share is kept, and only what
-is systematic across postures is lost (Freedman & Lane 1983; Winkler et al. 2014; Cameron, Gelbach &
+lines along which the arm was measured, where their rows go together), so that whatever the rows of a
+posture share is kept, and only what is systematic across postures is lost (Freedman & Lane 1983; Winkler et al. 2014; Cameron, Gelbach &
 Miller 2008)."""
 
 from __future__ import annotations
