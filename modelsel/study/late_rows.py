@@ -3,13 +3,11 @@ a clock: its speed is known in steps from row to row."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from ..exceptions import NotEstimable, write_rounded
 from ..fitting.design import Model
-from ..fitting.least_squares import Fit, fit
+from ..fitting.least_squares import fit
 from ..fitting.problem import Problem
 from ..measurements.stretches import measure_row_steps, number_stretches
 from ..mechanisms.causes import Named
@@ -18,6 +16,7 @@ from ..mechanisms.motors import drive_screws
 from ..mechanisms.terms import Mechanism, Term
 from ..notices import ROWS_LATE, Note
 from ..robot.kinematics import Robot
+from .trial_columns import measure_left, widen_rows
 
 # how far a motor goes from row to row, and the usual delays in such steps
 STEP, DELAYS = "row_step_{}", (1e-4, 2.0)
@@ -48,8 +47,8 @@ def late_row_notes(problem: Problem, base: Model) -> tuple[Note, ...]:
     is_clear = abs(delay) > CLEAR * error
     if not is_clear or after.rss > LEAST_SHARE * before.rss:
         return ()
-    left = _measure_left(problem, before)
-    own = _measure_left(timed, after)
+    left = measure_left(problem, before)
+    own = measure_left(timed, after)
     side = "later" if delay > 0 else "earlier"
     percent = write_rounded(100 * abs(delay))
     sentence = (
@@ -63,14 +62,9 @@ def late_row_notes(problem: Problem, base: Model) -> tuple[Note, ...]:
 
 def _add_steps(problem: Problem) -> Problem:
     """Add to the measurements how far every motor goes from row to row along its line."""
-    data = problem.data
-    steps = measure_row_steps(data)
-    columns = dict(data.covariates)
-    for joint, column in enumerate(steps.T, 1):
-        name = STEP.format(joint)
-        columns[name] = column
-    timed = replace(data, covariates=columns)
-    return replace(problem, data=timed)
+    steps = measure_row_steps(problem.data)
+    columns = {STEP.format(joint): column for joint, column in enumerate(steps.T, 1)}
+    return widen_rows(problem, columns)
 
 
 def _build_delay(robot: Robot) -> Mechanism:
@@ -81,9 +75,3 @@ def _build_delay(robot: Robot) -> Mechanism:
         for screw in drive_screws(robot, joint, Named(STEP.format(joint)))
     ]
     return Mechanism(ROWS_LATE, (Term("delay", tuple(screws), DELAYS),), "", "", "")
-
-
-def _measure_left(problem: Problem, fitted: Fit) -> float:
-    """Measure the rms length [mm] of what a fit leaves of the positions."""
-    left = fitted.residuals(problem)[:, :3]
-    return float(np.sqrt(np.square(left).sum(1).mean()))

@@ -25,6 +25,7 @@ from ..mechanisms.motors import (
 )
 from ..mechanisms.terms import Mechanism, Screw, Term
 from ..notices import Note
+from .trial_columns import measure_left, widen_rows
 
 # names of the torque [N m/kg] about a joint of 1 kg at the flange, and of what it gains by each mm along an axis
 AT_FLANGE = "held_at_flange"
@@ -66,10 +67,10 @@ def payload_elsewhere_notes(problem: Problem, fitted: Fit) -> tuple[Note, ...]:
     best = max(places, key=lambda one: one.gain, default=None)
     if best is None or best.gain < CLEAR:
         return ()
-    left = _measure_left(problem, fitted)
+    left = measure_left(problem, fitted)
     before = write_rounded(left)
     levers = _add_levers(problem, best.joint)
-    left = _measure_left(levers, best.fitted)
+    left = measure_left(levers, best.fitted)
     after = write_rounded(left)
     where = "elsewhere on the flange than at the target"
     if best.error_mm < VAGUE_MM:
@@ -168,14 +169,13 @@ def _add_levers(problem: Problem, joint: int) -> Problem:
     """Add to the measurements what a payload's torque about a joint is made of."""
     origin = np.zeros(3)
     at_flange = _measure_torque(problem, joint, origin)
-    columns = {**problem.data.covariates, AT_FLANGE: at_flange}
+    columns = {AT_FLANGE: at_flange}
     steps = STEP_MM * np.eye(3)
     for name, step in zip(FURTHER, steps, strict=True):
         torque = _measure_torque(problem, joint, step)
         gained = torque - at_flange
         columns[name] = gained / STEP_MM
-    data = replace(problem.data, covariates=columns)
-    return replace(problem, data=data)
+    return widen_rows(problem, columns)
 
 
 def _measure_torque(problem: Problem, joint: int, place: Array) -> Array:
@@ -192,9 +192,3 @@ def _compute_criterion(fitted: Fit) -> float:
     """Compute the Bayesian information criterion of a fit."""
     rows = fitted.rows
     return float(rows * np.log(fitted.rss / rows) + fitted.rank * np.log(rows))
-
-
-def _measure_left(problem: Problem, fitted: Fit) -> float:
-    """Measure the rms length [mm] of what a fit leaves of the positions."""
-    left = fitted.residuals(problem)[:, :3]
-    return float(np.sqrt(np.square(left).sum(1).mean()))
