@@ -127,7 +127,6 @@ ALARMS = {
     OTHER_ROBOT: "Check the robot",
     "rows-shifted": "Check the rows",
     ROWS_MISTAKEN: "Check the rows",
-    ROWS_LATE: "Check the rows",
     "stated-uncertainty": "Check the uncertainties",
     "floor-unlike": "Check the noise floor",
     "beyond-tolerance": "Check the robot",
