@@ -35,6 +35,7 @@ from .command_notes import (
 from .commands_table import build_commands_table, find_carried_columns
 from .expected_noise import describe_other_noise, expect_noise
 from .large_changes import check_bound, find_weakest, refuse_large_changes
+from .open_switches import count_open_switches
 from .other_sides import describe_other_sides
 from .prediction import compute_pose, compute_sensitivities, predict, to_tracker_frame
 from .side_differences import count_other_sides
@@ -246,6 +247,7 @@ def _summarise_commands(
     noise = 3 * sigma**2
     unknown = _compute_unknown_approach(c, there)
     unknown += count_other_sides(c, there)
+    unknown += count_open_switches(c, there)
     expected_square = left_mm**2 + model_mm**2 + noise + unknown
     expected_mm = np.sqrt(expected_square)
     before_rad = left_rad = model_rad = None
