@@ -65,8 +65,8 @@ def build_inquiry(
 def seek_nothing(asked: Inquiry) -> Inquiry:
     """Ask for nothing beyond the base: outliers alone are looked for."""
     options = replace(asked.options, own=())
-    silent = asked._replace(say=keep_silent, tell_base=keep_base)
-    return silent._replace(everything=(), cells=False, options=options)
+    nothing = asked._replace(everything=(), cells=False, options=options)
+    return nothing._replace(say=keep_silent, tell_base=keep_base)
 
 
 def seek_causes(

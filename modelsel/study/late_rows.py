@@ -22,6 +22,8 @@ from .trial_columns import measure_left, widen_rows
 STEP, DELAYS = "row_step_{}", (1e-4, 2.0)
 # share of the base's squares that a delay has to take, and times its standard error
 LEAST_SHARE, CLEAR = 0.5, 6.0
+# mm rms that are rounding, of data without noise
+ROUNDING_MM = 1e-6
 
 
 def late_row_notes(problem: Problem, base: Model) -> tuple[Note, ...]:
@@ -48,6 +50,8 @@ def late_row_notes(problem: Problem, base: Model) -> tuple[Note, ...]:
     if not is_clear or after.rss > LEAST_SHARE * before.rss:
         return ()
     left = measure_left(problem, before)
+    if left < ROUNDING_MM:
+        return ()
     own = measure_left(timed, after)
     side = "later" if delay > 0 else "earlier"
     percent = write_rounded(100 * abs(delay))

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .._linalg import TINY
 from .._typing import Array
 from ..exceptions import NotEstimable, write_rounded
 from ..fitting.design import Model
@@ -134,6 +135,9 @@ def _find_place(problem: Problem, fitted: Fit, joint: int) -> Place | None:
     after = _compute_criterion(found)
     gain = min(before, at_best) - after
     mm, error_mm = _locate(found, anywhere)
+    stiffness, *_ = found.theta[found.locate(anywhere)]
+    if stiffness < 0 and np.isfinite(error_mm):  # no spring gives way against its load
+        return None
     return Place(joint, mm, error_mm, found, gain)
 
 
@@ -191,4 +195,6 @@ def _measure_torque(problem: Problem, joint: int, place: Array) -> Array:
 def _compute_criterion(fitted: Fit) -> float:
     """Compute the Bayesian information criterion of a fit."""
     rows = fitted.rows
-    return float(rows * np.log(fitted.rss / rows) + fitted.rank * np.log(rows))
+    variance = max(fitted.rss / rows, TINY)
+    price = fitted.rank * np.log(rows)
+    return float(rows * np.log(variance) + price)

@@ -71,6 +71,12 @@ def test_errors_of_the_arm_are_no_late_readings(rng: Rng) -> None:
         assert not say(measure(q, where, rng))
 
 
+def test_what_rounding_leaves_is_no_delay(rng: Rng) -> None:
+    q, _ = draw_lines(rng)
+    exact = forward(load_robot("ur5e"), q, TOOL)
+    assert not say(build_measurements(q, exact))
+
+
 def test_lines_are_numbered_and_separate_postures_are_none(rng: Rng) -> None:
     q, step = draw_lines(rng)
     data = build_measurements(q, np.zeros((len(q), 3)))
