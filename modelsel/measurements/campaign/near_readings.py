@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..._hashing import HASH_FACTOR
 from ..._linalg import connected_components
@@ -25,6 +26,8 @@ APART, BY_CHANCE = 20.0, 1e5
 CELLS = (4.0, 1.0, 0.25, 0.0625, 0.015625)
 # grids of a cell, and by how much those of joints are shifted against each other
 GRIDS, GOLDEN = 6, 0.618
+# visits whose cells are hashed at once: what they need stays in the processor's cache
+BLOCK = 2048
 
 
 def find_near_pairs(readings: Array, within: float, max_lag: int = MAX_LAG) -> Index:
@@ -108,20 +111,28 @@ def _join_near(scaled: Array) -> Index:
     always has readings in one cell that differ by far less."""
     number = np.arange(len(scaled))
     pairs = [np.zeros((0, 2), dtype=np.intp)]
-    for grid in range(GRIDS):
-        keys = np.zeros(len(scaled), np.uint64)
-        for joint, column in enumerate(scaled.T):
-            shift = (grid / GRIDS + GOLDEN * joint) % 1
-            # no cell is minus zero, which has other bits than zero
-            cells = np.floor(column + shift) + 0.0
-            keys = (keys ^ cells.view(np.uint64)) * HASH_FACTOR
-            keys ^= keys >> np.uint64(32)
-        ordered = np.sort(keys)
-        if (ordered[1:] == ordered[:-1]).any():
-            _, first, cell = np.unique(keys, return_index=True, return_inverse=True)
-            together = np.stack([first[cell], number], 1)
-            pairs.append(together)
+    blocks = [scaled[low : low + BLOCK] for low in range(0, max(len(scaled), 1), BLOCK)]
+    keys = np.concatenate([_hash_cells(block) for block in blocks], axis=1)
+    ordered = np.sort(keys, axis=1)
+    shares = (ordered[:, 1:] == ordered[:, :-1]).any(1)
+    for grid in np.flatnonzero(shares):
+        _, first, cell = np.unique(keys[grid], return_index=True, return_inverse=True)
+        together = np.stack([first[cell], number], 1)
+        pairs.append(together)
     return connected_components(len(scaled), np.concatenate(pairs))
+
+
+def _hash_cells(scaled: Array) -> NDArray[np.uint64]:
+    """Hash the cell (GRIDS, v) of every grid in which each visit is."""
+    keys = np.zeros((GRIDS, len(scaled)), np.uint64)
+    grids = np.arange(GRIDS)[:, None]
+    for joint, column in enumerate(scaled.T):
+        shift = (grids / GRIDS + GOLDEN * joint) % 1
+        # no cell is minus zero, which has other bits than zero
+        cells = np.floor(column + shift) + 0.0
+        keys = (keys ^ cells.view(np.uint64)) * HASH_FACTOR
+        keys ^= keys >> np.uint64(32)
+    return keys
 
 
 def _measure_nearest(scaled: Array, some: Index) -> Array:
