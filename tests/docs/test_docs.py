@@ -55,9 +55,9 @@ class _Page(HTMLParser):
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory) -> Path:
-    """The site, built strictly: any warning of mkdocs (a link, an anchor, a missing page) stops
-    it."""
+def site(tmp_path_factory, drawn) -> Path:
+    """The site, built strictly, with the study that other tests have run: any warning of mkdocs (a
+    link, an anchor, a missing page) stops it."""
     out = tmp_path_factory.mktemp("site")
     command = [
         sys.executable,
@@ -75,7 +75,7 @@ def site(tmp_path_factory) -> Path:
     built = subprocess.run(
         command,
         cwd=ROOT,
-        env=os.environ | nowhere | {"NO_MKDOCS_2_WARNING": "1"},
+        env=os.environ | nowhere | {"NO_MKDOCS_2_WARNING": "1", "MODELSEL_EXAMPLE": str(drawn)},
         capture_output=True,
         text=True,
         check=False,
