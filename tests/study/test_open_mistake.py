@@ -80,7 +80,7 @@ def _write(folder: Path, campaign: Campaign) -> Path:
 def mistaken(tmp_path_factory: pytest.TempPathFactory) -> tuple[Result, list[str]]:
     """The study of exchanged columns, and the steps that it told."""
     folder = tmp_path_factory.mktemp("exchanged")
-    _write(folder, _exchange(np.random.default_rng()))
+    _write(folder, _exchange(np.random.default_rng(83)))
     told: list[str] = []
     return run_study(folder, sampling=False, say=lambda line: told.append(str(line))), told
 
@@ -122,7 +122,7 @@ def test_it_is_not_sampled_and_is_read_back(
 
 @pytest.mark.slow
 def test_a_rehearsal_says_the_same_of_it(tmp_path: Path) -> None:
-    _write(tmp_path, _exchange(np.random.default_rng()))
+    _write(tmp_path, _exchange(np.random.default_rng(125)))
     rehearsed = rehearse_study(tmp_path)
     assert rehearsed["mechanisms"] > 0
     assert any(one["code"] == "setup-mistake" for one in rehearsed["warnings"])
