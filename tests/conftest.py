@@ -24,7 +24,7 @@ from modelsel._workers import COLLECT
 from modelsel.cli.main import run_command_line
 
 # A test's stage is that of its folder, else `unit`; what needs a whole study or a browser is
-# `integration`; a mark on a test or a file takes the place of both.
+# `integration`; a mark on a test or a file takes the place of both. In order of what a test costs.
 STAGES = ("unit", "integration", "docs", "slow", "long")
 COSTLY_FIXTURES = {"drawn", "browser"}
 TESTS = Path(__file__).parent
@@ -67,7 +67,22 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     ]
     config.hook.pytest_deselected(items=dropped)
     kept = set(items) - set(dropped)
-    items[:] = [item for item in items if item in kept]
+    items[:] = costliest_first([item for item in items if item in kept])
+
+
+def costliest_first(items: list[pytest.Item]) -> list[pytest.Item]:
+    """Order files by their costliest stage, the costliest first: at the end no process of `-n` waits
+    long for another."""
+    costliest: dict[Path, int] = {}
+    for item in items:
+        cost = STAGES.index(stage_of(item))
+        costliest[item.path] = max(cost, costliest.get(item.path, 0))
+    return sorted(items, key=lambda item: -costliest[item.path])
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Let `-n` begin files in that order, not by the number of their tests."""
+    config.option.loadscopereorder = False
 
 
 def pytest_collection_finish() -> None:

@@ -491,6 +491,7 @@ def test_a_plan_proposes_repeats_and_writes_them_where_asked(fitted, tmp_path) -
     )
 
 
+@pytest.mark.integration
 def test_learning_counts_configurations_that_estimate(fitted) -> None:
     """A user measures more of them than estimate: the total is told at the study's own split."""
     counts = fitted.record.configurations

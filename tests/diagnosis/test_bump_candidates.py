@@ -148,6 +148,7 @@ def test_what_was_tried_in_vain_rules_out_no_neighbour(rng: np.random.Generator)
     assert np.isfinite(log_probability[second])
 
 
+@pytest.mark.integration
 def test_beside_a_bump_no_other_one_stands_against_a_finding(rng: np.random.Generator) -> None:
     """The wave of joint 2 has bumps of joint 2 as rivals, but where a bump of it is in the model."""
     search = prepare_puma()

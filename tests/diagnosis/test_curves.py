@@ -203,6 +203,7 @@ def test_a_part_of_the_columns_scans_like_the_whole(rng: np.random.Generator) ->
     assert again == (pytest.approx(value), best)
 
 
+@pytest.mark.integration
 def test_a_name_that_its_own_set_does_not_hold_is_said_not_to_be_told_apart(
     rng: np.random.Generator,
 ) -> None:

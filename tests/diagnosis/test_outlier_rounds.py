@@ -152,7 +152,6 @@ def test_no_steps_are_proposed_for_scattered_outliers(rng: Rng) -> None:
 
 
 @pytest.mark.integration
-@pytest.mark.unit
 def test_all_targets_that_slip_for_a_while_get_one_pair(rng: Rng) -> None:
     at = draw_slips(rng)
     position = at.data.position.copy().reshape(-1, 3, 3)

@@ -79,6 +79,7 @@ def test_the_moment_of_both_is_that_of_all_masses(rng: Rng) -> None:
         np.testing.assert_allclose(at.cause(alone.cause), moment[:, k] - held[:, k], atol=1e-6)
 
 
+@pytest.mark.integration
 @seeds(1)
 def test_both_are_offered_where_the_payload_changes(rng: Rng) -> None:
     """And then two of own weight, payload and both are told by the first two."""

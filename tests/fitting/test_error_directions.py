@@ -22,6 +22,7 @@ BASE = Model((mechanism("geometric", ARM),))
 TOOL = np.array([OFF_AXIS])
 
 
+@pytest.mark.integration
 @seeds(1, slow=(2,))
 @pytest.mark.parametrize(("count", "spanned"), [(3, 1), (3, 2), (6, 1), (6, 2)])
 def test_random_directions_are_rarely_along_a_part(

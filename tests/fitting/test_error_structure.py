@@ -359,7 +359,7 @@ def test_the_order_of_rows_does_not_matter_where_nothing_lasts(rng: np.random.Ge
 
 
 @pytest.mark.integration
-@seeds(1, 2, 3)
+@seeds(1, slow=(2, 3))
 @pytest.mark.parametrize("before", [(), (2,), (1,), (1, 2, 3)])
 def test_parts_that_were_there_before_lead_to_the_same(
     rng: np.random.Generator, before: tuple[int, ...]

@@ -105,6 +105,7 @@ def test_a_line_of_sight_takes_an_instrument_apart_from_the_arm(rng: np.random.G
     assert of_sight <= {part.name for part in list_parts(bind_far(q, position), every)}
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("tails", leave_to_slow((3, 200), 3))
 def test_noise_alike_in_all_directions_is_rarely_told_as_more_in_one(
     rng: np.random.Generator, tails: int

@@ -125,6 +125,7 @@ HEAVY = {
 }
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("tails", leave_to_slow(HEAVY, "Student"))
 def test_rows_that_are_loud_by_chance_make_no_target_and_no_group_louder(
     rng: np.random.Generator, tails: str

@@ -50,6 +50,7 @@ def seen_in_part(rng: np.random.Generator, error: Array) -> Floor | None:
     return from_target_pairs(data)
 
 
+@pytest.mark.integration
 @seeds(1, slow=(2,))
 @pytest.mark.parametrize(("measure", "rows"), [(repeated, 30), (paired, 60), (seen_in_part, 75)])
 @pytest.mark.parametrize("bad", [0, 1])

@@ -73,6 +73,7 @@ def tell_joints(at: Problem) -> set[str]:
     return {name for name in found.names if name.startswith("joint")}
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("draw", [normal, loud])
 @pytest.mark.parametrize("shared", [0.0, 2 * SIGMA])
 @seeds(1, slow=(2,))
@@ -91,6 +92,7 @@ def test_chance_is_as_often_as_it_says(rng: Generator, draw: Draw, shared: float
     assert 0.35 <= np.mean(ps) <= 0.7
 
 
+@pytest.mark.integration
 @seeds(1, slow=(2,))
 def test_loud_rows_of_repeats_are_rarely_a_joint(rng: Generator) -> None:
     told = [tell_joints(come_back(rng, loud(rng, 4 * POSTURES))) for _ in range(20)]

@@ -163,7 +163,7 @@ def test_table(rng) -> None:
 
 
 @pytest.mark.integration
-@seeds(1, 2)
+@seeds(1, slow=(2,))
 @pytest.mark.parametrize("known", [True, False])
 def test_one_definition_of_every_criterion(known, rng) -> None:
     """Of known sigma or unknown, a row's criteria are of one kind, its own rung's; EBIC adds the

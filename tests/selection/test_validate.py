@@ -106,6 +106,7 @@ def test_one_seed_one_interval() -> None:
     assert first == again
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("rows", [1, 3], ids=lambda v: f"{v}-a-configuration")
 def test_interval_covers(rows, rng) -> None:
     """100 studies of 60 held-out configurations, rows of one configuration alike in part: the true

@@ -137,7 +137,7 @@ def turn_axis_1(robot: Robot, q: np.ndarray, twist: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.unit
-@seeds(1, 2, 3)
+@seeds(1, slow=(2, 3))
 @pytest.mark.parametrize("name", ["irb120", "puma760"])
 @pytest.mark.parametrize("is_elsewhere", [False, True])
 def test_what_explains_the_data_better_asks_for_no_other_gravity(

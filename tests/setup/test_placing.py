@@ -153,7 +153,7 @@ def test_rows_along_a_line_are_refused_in_words(turned, error, rng) -> None:
 
 
 @pytest.mark.integration
-@seeds(1, 2, 3)
+@seeds(1, slow=(2, 3))
 @pytest.mark.parametrize("turned", [True, False])
 @pytest.mark.parametrize("error", [0.0, 1.0])
 def test_rows_along_a_bow_are_fitted_and_doubted(turned, error, rng) -> None:

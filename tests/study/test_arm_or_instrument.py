@@ -214,6 +214,7 @@ def test_all_slides_of_a_gantry_are_the_other_side_of_the_trackers_scale(
     assert np.corrcoef(commands.expected_mm, far)[0, 1] > 0.9
 
 
+@pytest.mark.integration
 @pytest.mark.filterwarnings("ignore::UserWarning")
 @seeds(1)
 def test_slides_of_scales_of_their_own_are_the_arms(

@@ -72,6 +72,7 @@ def test_camera_is_placed_in_the_board_frame(q: np.ndarray) -> None:
     assert data.gauges is None
 
 
+@pytest.mark.integration
 def test_uncertainties_are_those_of_the_camera(q: np.ndarray) -> None:
     """By drawing what the camera sees."""
     one = np.tile(q[:1], (4000, 1))

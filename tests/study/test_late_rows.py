@@ -95,6 +95,7 @@ def test_lines_are_numbered_and_separate_postures_are_none(rng: Rng) -> None:
     assert number_stretches(build_measurements(apart, np.zeros((100, 3)))) is None
 
 
+@pytest.mark.integration
 def test_no_cause_is_sought_beside_late_readings(rng: Rng) -> None:
     q, step = draw_lines(rng)
     late = measure(q, q + 0.04 * step, rng)

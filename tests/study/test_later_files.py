@@ -88,6 +88,7 @@ def test_joined_positions_are_written_in_the_contracts_unit(folder: Path) -> Non
     assert written["source"][11] == "P012, first.csv line 12"
 
 
+@pytest.mark.integration
 def test_two_files_validate_a_study_of_two(folder: Path) -> None:
     ran = run(*pair("validate", folder, "later", folder / "out"))
     assert ran.exit_code == 0, ran.output

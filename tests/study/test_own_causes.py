@@ -315,7 +315,6 @@ def plain(problem: Problem) -> tuple[Candidate, ...]:
 
 
 @pytest.mark.integration
-@pytest.mark.unit
 def test_own_causes_are_at_every_place_with_the_prior_that_they_are_given(
     problem: Problem, plain: tuple[Candidate, ...]
 ) -> None:
@@ -357,7 +356,6 @@ def test_combinations_without_a_column_are_left_out(problem: Problem) -> None:
     assert causes == ["cos(q2)*acc_x_g", "acc_x_g*sin(q2)"]
 
 
-@pytest.mark.integration
 @pytest.mark.unit
 def test_a_column_given_a_prior_of_its_own_is_no_second_candidate(problem: Problem) -> None:
     found = offer(problem, ask("none.csv", {"causes": ["acc_x_g"], "prior": 0.2}))

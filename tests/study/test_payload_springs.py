@@ -99,6 +99,7 @@ def test_the_payload_tells_its_stiffness_whatever_the_arm_weighs(times: float, r
     assert min(hits, weighs) >= 0.75 * DRAWS
 
 
+@pytest.mark.integration
 @seeds(1, slow=[2])
 def test_two_stiffnesses_are_not_told_as_one(rng: Rng) -> None:
     times = float(rng.choice([0.4, 2.5]))

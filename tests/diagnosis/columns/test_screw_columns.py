@@ -232,6 +232,7 @@ def test_columns_that_are_asked_for_again_are_kept_within_bounds(
     assert cols.expand(19) is cols.expand(19)
 
 
+@pytest.mark.integration
 def test_gram_matrices_are_those_of_the_columns(rng: np.random.Generator) -> None:
     """Of candidates at one place, from the lengths of rows, and of those at several."""
     at = drawn("puma760", rng, 30)

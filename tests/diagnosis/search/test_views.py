@@ -98,6 +98,7 @@ def test_columns_of_the_last_models_are_remembered_and_the_oldest_forgotten(
     assert sum(asked[1:]) > 3
 
 
+@pytest.mark.integration
 def test_a_view_by_itself_sees_the_same(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -244,6 +244,7 @@ def test_an_arm_without_masses_has_no_whole_torque(rng: Rng) -> None:
         assert len(build_mechanisms(name, arm)) == len(built) + 1
 
 
+@pytest.mark.integration
 @seeds(1)
 def test_where_a_mass_is_missing_there_is_no_whole_torque(rng: Rng) -> None:
     """About the joints that carry that link, whatever others weigh."""
