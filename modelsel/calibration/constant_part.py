@@ -24,7 +24,7 @@ from ..robot.kinematics import Robot
 from ..robot.rigid import rotation_matrix, transform
 from .arm_alone import list_misreadings
 from .prediction import compute_pose
-from .refitting import part_of, select_carried
+from .refitting import list_moves, part_of, select_carried
 
 if TYPE_CHECKING:
     from .calibration import Calibration
@@ -82,11 +82,21 @@ def restrict_to_form(c: Calibration, form: str) -> Calibration:
 
 def list_left_out(c: Calibration, form: str) -> list[Part]:
     """List what a form cannot carry of the arm, for the first target and group."""
+    arm = leave_out_moves(restrict_to_form(c, "whole"))
     carries = select_carried(c.model, form)
-    of_arm = select_carried(c.model, "whole")
-    places = [k for k, term in enumerate(c.terms) if of_arm(term) and not carries(term)]
-    constant, varying = split_parts(select_terms(c, places, c.theta[places]))
+    places = [k for k, term in enumerate(arm.terms) if not carries(term)]
+    constant, varying = split_parts(select_terms(arm, places, arm.theta[places]))
     return constant + varying
+
+
+def leave_out_moves(c: Calibration) -> Calibration:
+    """Return the calibration without what the instrument and the base moved against each other while
+    it was measured, which is no error of the arm."""
+    moves = list_moves(c.model)
+    places = [k for k, term in enumerate(c.terms) if term.key not in moves]
+    if len(places) == len(c.terms):
+        return c
+    return select_terms(c, places, c.theta[places])
 
 
 def select_terms(c: Calibration, places: Sequence[int], theta: Array) -> Calibration:

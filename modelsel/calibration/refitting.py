@@ -155,7 +155,7 @@ def refit_forms(split: Split, fitted: Fit, known: Sequence[Evaluation] = ()) -> 
     for evaluation in known:
         keys = frozenset(term.key for term in evaluation.fit.terms)
         own[keys] = evaluation
-    moves = _list_moves(fitted.model)
+    moves = list_moves(fitted.model)
     best: Evaluation | None = None
     alone = dict[str, Refit]()
     for form in NESTED_FORMS:
@@ -209,7 +209,7 @@ def _part_with(model: Model, keys: Collection[Hashable]) -> Model:
     return part_of(model, lambda term: term.key in keys)
 
 
-def _list_moves(model: Model) -> set[TermKey]:
+def list_moves(model: Model) -> set[TermKey]:
     """List the keys of the terms by which the instrument and the base move against each other."""
     return {
         term.key

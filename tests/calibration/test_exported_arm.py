@@ -24,6 +24,7 @@ from modelsel.calibration.export import export
 from modelsel.calibration.export.python import read_module_data
 from modelsel.calibration.export.standalone import predict_both
 from modelsel.calibration.loading import parse_calibration
+from modelsel.calibration.prediction import predict
 from modelsel.calibration.refitting import correct_measurements, refit_forms, select_carried
 from modelsel.fitting.design import Model, residuals
 from modelsel.fitting.least_squares import fit
@@ -248,7 +249,18 @@ def test_an_instrument_that_moved_does_not_bend_the_arm(rng) -> None:
     split = Split(at, every, ~every, np.arange(ROWS) % 5, True)
     made = calibrate("moved", split, fitted, Floor(NOISE_MM, "stated"), None, False, {})
     made = replace(made, refits=refit_forms(split, fitted))
-    robot = read_urdf_text(export(made, "urdf").text, "file", tip="target")
+    urdf = export(made, "urdf")
+    robot = read_urdf_text(urdf.text, "file", tip="target")
     elsewhere = arm.draw(rng, 300)
     points = flanges_of(robot, elsewhere)[:, :3, 3]
     assert miss(points, stand(arm, elsewhere, 0.0)) < 0.03
+    # the arm is whole in the file; the move is told as what it is, and asked of nobody
+    assert (urdf.left_out, max(urdf.left_out_mm)) == ((), pytest.approx(0, abs=0.02))
+    assert any(note.startswith("tracker-step says how the instrument") for note in urdf.notes)
+    module = export(made, "python")
+    assert not any("tracker-step" in note for note in module.notes)
+    data = read_module_data(module.text)
+    assert "progress" not in data["needs"]
+    _, alone = predict_both(data, elsewhere, None, {})
+    another_day = made.problem(build_measurements(elsewhere, points))
+    np.testing.assert_allclose(alone, predict(made, another_day), atol=1e-9)

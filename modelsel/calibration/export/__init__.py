@@ -26,6 +26,7 @@ from ..constant_part import (
     Part,
     compute_points,
     constant_entries,
+    leave_out_moves,
     list_left_out,
     resolve_form,
     restrict_to_form,
@@ -82,8 +83,9 @@ def export(c: Calibration, form: str) -> Exported:
         return write(c, ())
     made = write(restricted, notes)
     targets = range(len(c.targets) if geometry else 1)
-    whole = restrict_to_form(c, "whole")
-    differences = [_measure_left_out(whole, restricted, target) for target in targets]
+    whole = leave_out_moves(restrict_to_form(c, "whole"))
+    kept = leave_out_moves(restricted)
+    differences = [_measure_left_out(whole, kept, target) for target in targets]
     parts = list_left_out(c, carried)
     difference = np.concatenate(differences)
     errors = None

@@ -13,7 +13,7 @@ from ...mechanisms.environment import find_references
 from ..arm_alone import list_instrument_names
 from ..late_effects import describe_unknown_history
 from ..other_sides import describe_other_sides
-from ..refitting import select_carried
+from ..refitting import list_moves, select_carried
 
 if TYPE_CHECKING:
     from ..calibration import Calibration
@@ -37,10 +37,26 @@ def list_notes(c: Calibration, what: str, geometry: bool) -> tuple[str, ...]:
         carried = list(filter(select_carried(c.model, what), c.terms))
         out += [sentence.rstrip(".") for sentence in describe_unknown_history(carried)]
     out += describe_instrument(c)
+    out += _describe_moves(c, what)
     group = find_group(c)
     if group is not None:
         out.append(f'the placement of the tracker is that of group "{group}"')
     return tuple(out)
+
+
+def _describe_moves(c: Calibration, what: str) -> tuple[str, ...]:
+    """Describe how the instrument and the base moved against each other, which a file does not have;
+    nothing where they stood still, or the file has it."""
+    moves = list_moves(c.model)
+    carries = select_carried(c.model, what)
+    if not any(term.key in moves and not carries(term) for term in c.terms):
+        return ()
+    names = [m.name for m in c.model.mechanisms if any(term.key in moves for term in m.terms)]
+    sentence = (
+        f"{sentence_list(names)} says how the instrument and the base moved against each other while the arm was "
+        "measured: that is no error of the arm, and not in the file"
+    )
+    return (sentence,)
 
 
 def describe_instrument(c: Calibration) -> tuple[str, ...]:

@@ -35,7 +35,6 @@ GIVEN_KINDS = (
     StateKind.MOVE,
     StateKind.DRAG,
     StateKind.RATE,
-    StateKind.PROGRESS,
     StateKind.SINCE_REST,
 )
 
@@ -116,6 +115,7 @@ def module_data(c: Calibration) -> dict[str, Any]:
         "robot": c.robot.name,
         "group": find_group(c),
         "needs": list_inputs(c),
+        "after_steps": c.after_steps,
         "targets": list(c.targets),
         "prismatic": list(c.robot.prismatic),
         "coupling": matrix.tolist(),
@@ -144,7 +144,7 @@ def place_load(c: Calibration) -> list[float]:
 
 def list_inputs(c: Calibration) -> list[str]:
     """List the names that the model uses and joint readings do not say: covariates, directions of
-    approach, moves, hysteresis, speeds, progress."""
+    approach, moves, hysteresis, speeds. Their place in the campaign need not be said."""
     inputs = []
     for name in c.needs():
         kind = state_kind(name)
@@ -166,6 +166,7 @@ def to_python(c: Calibration, notes: Sequence[str] = ()) -> Exported:
         given = {}
         for name in there["needs"]:
             given[name] = at.value(name)
+        given["progress"] = at.value("progress")
         _, calibrated = predict_both(there, at.data.readings, c.targets[t], given)
         return calibrated
 

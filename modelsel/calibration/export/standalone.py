@@ -4,10 +4,10 @@ else is needed.
 Lengths are mm, angles rad. `position(q)` is the calibrated model, `correction(q)` what it adds to
 the nominal one, both in the tracker's frame; q is (m, joints), as the motors read. What else the
 model looks at (payload_kg=..., approach2=...) is given by name, one number or m; DATA["needs"] has
-the names, DATA["targets"] those of the targets, DATA["group"] the one
-whose tracker's frame it is, where groups have frames of their own. Made by modelsel export --format
-python: the program is the same for every arm, and all that it knows of this one stands in DATA, at
-the end. Edit nothing."""
+the names, DATA["targets"] those of the targets, DATA["group"] the one whose tracker's frame it is,
+where groups have frames of their own. Without progress=..., 0 to 1, it is as after the last step of
+what was measured. Made by modelsel export --format python: the program is the same for every arm,
+and all that it knows of this one stands in DATA, at the end. Edit nothing."""
 
 from __future__ import annotations
 
@@ -240,6 +240,7 @@ def predict_both(
     origins, _ = walk_chain(data, q, tool, H)
     nominal = origins[n]
     values = derive_state(data, q, tool)
+    values["progress"] = np.full(m, data["after_steps"])
     for key, value in given.items():
         number = np.asarray(value, float)
         values[key] = np.broadcast_to(number, (m,))
