@@ -86,6 +86,7 @@ def init_command(
     from ..measurements.formats.table import DataFile
     from ..study.joined_study import draft_joined_study
     from ..study.new_study import MIN_SPLIT, add_orientation, describe_draft, draft_study
+    from ..study.nominal_misfit import is_said_far
     from ..study.stated_setup import StatedSetup
     from ..study.study_folder import RobotSource, check_new, write_study_folder
 
@@ -125,7 +126,9 @@ def init_command(
     if place.startswith("-"):
         place = f"./{place}"  # else it is taken for an option
     command = f"modelsel study {shlex.quote(place)}"
-    if refusal is None:
+    if is_said_far(lines):
+        print_prose(f"Next: find out why the nominal arm does not fit, then {command}")
+    elif refusal is None:
         click.echo(f"Next: {command}")
     else:
         print_prose(f"{command} refuses these measurements as they are: {refusal}")

@@ -203,7 +203,7 @@ def _describe_named(every: NamedErrors, extends: bool) -> str:
     sentences += _explain_free_function(" ".join(sentences))
     if is_grouped and len(told) < len(errors):
         among = _count_small_faults(small)
-        alone = "small findings" if among else "small errors beyond the base"
+        alone = "small findings" if among else "small errors beyond the base model"
         which = "smaller ones" if told else alone
         effect = _describe_small_effect(every)
         sentences.append(f"{write_number(len(small))} {which}{among} together {effect}.")
@@ -254,7 +254,11 @@ def _describe_settled(settled: Sequence[Named]) -> list[str]:
     shapes = [one for one in settled if not one.is_cause]
     sentences = []
     if causes:
-        errors = "error beyond the base was" if len(causes) == 1 else "errors beyond the base were"
+        errors = (
+            "error beyond the base model was"
+            if len(causes) == 1
+            else "errors beyond the base model were"
+        )
         sentences.append(f"{write_number(len(causes))} {errors} named: {_list_names(causes)}.")
     if shapes:
         begun = _begin_found(shapes, bool(causes))
@@ -269,7 +273,7 @@ def _begin_found(found: Sequence[Named], is_more: bool) -> str:
     """Begin a sentence on what was found, or may be there where all of it is doubtful; `is_more`:
     after others."""
     count = len(found)
-    what = "error beyond the base" if count == 1 else "errors beyond the base"
+    what = "error beyond the base model" if count == 1 else "errors beyond the base model"
     if is_more:
         what = "more"
     verb = "was found" if count == 1 else "were found"

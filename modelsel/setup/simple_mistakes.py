@@ -139,7 +139,7 @@ def _reverse_joint(j: int, n: int, turns: bool) -> Mistake:
     verb = "turns" if turns else "moves"
     return _change_readings(
         f"joint {j + 1} {verb} the other way",
-        f"check the sign of q{j + 1} and the robot file's axis",
+        f"check the sign of column q{j + 1}, or which way joint {j + 1} {verb} in the robot file",
         A,
     )
 

@@ -28,11 +28,13 @@ def estimate_learning(limit_mm: float | None, configurations: int) -> tuple[tupl
 def format_learning(plan: MeasurementPlan) -> str:
     """Return the learning curve in words."""
     sizes = [
-        f"{write_rounded(size)} mm rms with {more:,} more" for size, more in plan.learning if more
+        f"of {write_rounded(size)} mm rms after {more:,} more"
+        for size, more in plan.learning
+        if more
     ]
     estimate = f"{plan.configurations:,} of {plan.measured:,} measured configurations estimate"
     return (
-        f"Learning: {estimate}; the smallest effect found with 90 % probability is "
+        f"To find smaller effects: {estimate} now; with 90 % probability an effect is found "
         f"{', '.join(sizes)} that estimate."
     )
 

@@ -3,6 +3,8 @@ that says of a file."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..exceptions import DataError, NotEstimable, sentence_list, write_rounded
@@ -25,6 +27,8 @@ from .checks import check_setup
 CLEAR_FACTOR = 4.0
 # a smaller median misfit [mm] is not one of measurements
 MIN_MISFIT_MM = 0.003
+# what is said of a nominal arm that does not fit
+FAR = "that is far."
 
 
 def measure_misfit(robot: Robot, data: Measurements) -> float | None:
@@ -55,12 +59,17 @@ def describe_misfit(robot: Robot, data: Measurements) -> list[str]:
         return [said + "controller or a simulation; a calibration needs measured ones."]
     if misfit <= MAX_REACH_SHARE * robot.reach:
         return [f"{said} (median).", *_explain_orientation(robot, data)]
-    said += " (median): that is far."
+    said += f" (median): {FAR}"
     explained = _explain_misfit(robot, data)
     if explained:
         return [said, *explained]
     said += " Check the robot, the order of the joints and the units; "
     return [said + "modelsel check looks for the likeliest mistake."]
+
+
+def is_said_far(lines: Sequence[str]) -> bool:
+    """Whether lines say that the nominal arm does not fit."""
+    return any(FAR in line for line in lines)
 
 
 def _say_why_untried(data: Measurements) -> str:

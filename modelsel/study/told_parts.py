@@ -17,8 +17,8 @@ from .planned_repeats import MAX_POSTURES, TIMES
 MAX_ROWS = 100_000  # that are looked at: what they tell, more do
 # where rows can tell it
 LOUDER = {
-    AT_TARGET: "Whether one target is measured with more noise than others: told by the sizes of the rows' own errors.",
-    IN_GROUP: "Whether one group is measured with more noise than others: told by the sizes of the rows' own errors.",
+    AT_TARGET: "Whether one target is measured with more noise than others: judged by the sizes of single rows' errors.",
+    IN_GROUP: "Whether one group is measured with more noise than others: judged by the sizes of single rows' errors.",
 }
 MEASURE_AGAIN = f"{MAX_POSTURES} postures measured {TIMES} times each, in separate rounds,"
 
@@ -41,7 +41,7 @@ def describe_told_parts(problem: Problem) -> dict[str, Any]:
     sentences = [
         *seen,
         *[_describe_joints(data, told_by) for told_by in joints],
-        "Whether the instrument errs more in one direction than in others: told by the rows' own errors.",
+        "Whether the instrument errs more in one direction than in others: judged by single rows' errors.",
         *_describe_louder_rows(tuple(by)),
         _describe_configurations(data, by.get("configuration")),
         _describe_groups(data, "group" in by),

@@ -216,7 +216,7 @@ def summarise_importance(draws: Draws, is_sampled: bool = True) -> Importance:
     effective = draws.effective
     share = effective / count
     if share > EXACT_SHARE:
-        verdict = "the exact chain's posterior is the linear one"
+        verdict = "the posterior of the exact chain is that of the linear model"
     elif share > USEFUL_SHARE:
         verdict = "the chain's curvature matters, and the weights account for it"
     elif is_sampled:

@@ -497,9 +497,9 @@ def test_learning_counts_configurations_that_estimate(fitted) -> None:
     counts = fitted.record.configurations
     total = counts.estimation + counts.held_out
     planned = plan_next(fitted, 4)
-    (learning,) = [line for line in format_plan(planned) if line.startswith("Learning")]
+    (learning,) = [line for line in format_plan(planned) if line.startswith("To find smaller")]
     assert learning.startswith(
-        f"Learning: {counts.estimation} of {total} measured configurations estimate; the smallest"
+        f"To find smaller effects: {counts.estimation} of {total} measured configurations estimate now"
     )
     assert learning.endswith(" more that estimate.")
     told = describe_size(replace(planned, configurations=24, measured=60), 0.05, 7)

@@ -221,6 +221,7 @@ def test_another_robot_is_told_by_its_misfit() -> None:
     assert ran.exit_code == 0
     assert "that is far." in ran.stdout
     assert 'The readings fit robot "ur10"' in ran.stdout
+    assert "Next: find out why the nominal arm does not fit, then modelsel study m\n" in ran.stdout
     unknown = invoked("init", "m.csv", "--robot", "ur1", "--yes", "--out", "other")
     assert unknown.exit_code == 2
     assert 'unknown robot "ur1". Did you mean "ur10"' in unknown.stderr

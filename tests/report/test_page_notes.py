@@ -135,7 +135,7 @@ def test_the_picture_of_the_arm_has_the_ground_of_the_page(drawn, scheme) -> Non
 
 
 LINES = """
-const [cell] = document.querySelectorAll("#findings td[data-head='worth, rms']"), { firstChild: text } = cell;
+const [cell] = document.querySelectorAll("#findings td[data-head='gain, rms']"), { firstChild: text } = cell;
 const range = document.createRange(), at = text.data.search("mm");
 range.setStart(text, 0); range.setEnd(text, at + 2);
 return [text.data.slice(0, at + 2), new Set([...range.getClientRects()].map((box) => box.top)).size];

@@ -199,6 +199,21 @@ def test_numbers_of_frames_stand_clear_of_marks() -> None:
     assert all(abs(x - a) > 16 or abs(y - b) > 9 for x, y in numbers for a, b in found)
 
 
+def test_marks_stand_clear_of_each_other(rng: np.random.Generator) -> None:
+    """One group of frames above another had its number over the other's."""
+    origins = [[0, 0, 0], [0, 0, 128], [0, 0, 128], [0, 30, 741], [40, 0, 1312], [0, 174, 1312]]
+    origins += [[120, 174, 1312], [120, 290, 1400]]
+    for _ in range(20):
+        moved = (np.array(origins) + rng.normal(0, 60, (8, 3))).tolist()
+        values = {"origins_mm": moved, "axes": [np.eye(3).tolist()] * 8, "slides": [False] * 6}
+        marks = [("11", "one", [3]), ("12", "two", [4])]
+        words = read_words(draw_marked(ArmRecord.model_validate(values), marks))
+        # beside the arm, not in the list
+        placed = [np.array((x, y)) for word, x, y in words if word in ("11", "12") and x < 200]
+        assert len(placed) == 2
+        assert np.abs(placed[0] - placed[1]).max() >= 10
+
+
 def test_ticks_of_a_small_panel_are_few_and_short() -> None:
     for low, high in ((41.1, 42.3), (-0.2004, -0.1993), (0.0, 1.0), (-3e-7, 6e-7), (9.2, 10.3)):
         ticks, labels = parameter_plots.choose_few_ticks(low, high)

@@ -41,7 +41,7 @@ def test_three_sentences() -> None:
         "On held-out configurations the position error falls from 2.00 to 1.00 mm rms, a gain of 0.900 to 1.10 mm (95 %); "
         "noise of 0.0300 mm per coordinate (repeats) would leave 0.0520 mm."
     )
-    assert second == "One error beyond the base was named: gravity-twist."
+    assert second == "One error beyond the base model was named: gravity-twist."
     assert (
         third
         == "Nothing else was found; an effect above 0.02 mm rms would have been found with 90 %."
@@ -53,7 +53,7 @@ def test_a_fault_of_the_data_is_no_error_of_the_arm() -> None:
     found = "One fault of the data was found: fault:row-order."
     assert said([fault])[1] == f"{found} No error beyond the base model was named."
     assert said([fault, ("backlash:3", True)], asked=[])[1] == (
-        f"{found} One error beyond the base was named: backlash:3. The study does not add it to the model."
+        f"{found} One error beyond the base model was named: backlash:3. The study does not add it to the model."
     )
 
 
@@ -115,53 +115,53 @@ def test_bad_news_is_said(gain, words) -> None:
         (
             [("a", False, True, False, ("b", "c"))],
             "all",
-            "One error beyond the base was found, but its cause is not proven: it is best described by a, b or c.",
+            "One error beyond the base model was found, but its cause is not proven: it is best described by a, b or c.",
         ),
         (
             [("a", False, True, False, ("b", "c"), ("c",))],
             "all",
-            "One error beyond the base was found, but its cause is not proven: it is best described by c, a or b.",
+            "One error beyond the base model was found, but its cause is not proven: it is best described by c, a or b.",
         ),
         (
             [("a", True)],
             [],
-            "One error beyond the base was named: a. The study does not add it to the model.",
+            "One error beyond the base model was named: a. The study does not add it to the model.",
         ),
         (
             [("a", True), ("b", False)],
             [],
-            "One error beyond the base was named: a. One more was found, but its cause is not proven: it is best described by b. "
+            "One error beyond the base model was named: a. One more was found, but its cause is not proven: it is best described by b. "
             + NONE,
         ),
         (
             [("a", True), ("b", False, True, True, ("c",)), ("c", False, True, False, ("d",))],
             "all",
-            "One error beyond the base was named: a. Two more were found, but their causes are not proven: they are best described by b or c (doubtful); c or d.",
+            "One error beyond the base model was named: a. Two more were found, but their causes are not proven: they are best described by b or c (doubtful); c or d.",
         ),
         (
             [("a", True), ("b does c", True, True, False, (), (), False)],
             "all",
-            "One error beyond the base was named: a. One more was found whose cause is not known to any registered mechanism: b does c.",
+            "One error beyond the base model was named: a. One more was found whose cause is not known to any registered mechanism: b does c.",
         ),
         (
             [("a", True, True, False, (), (), False), ("b", True, True, True, (), (), False)],
             "all",
-            "Two errors beyond the base were found whose causes are not known to any registered mechanism: a; b (doubtful).",
+            "Two errors beyond the base model were found whose causes are not known to any registered mechanism: a; b (doubtful).",
         ),
         (
             [("a", False, True, True, ("b",))],
             "all",
-            "One error beyond the base may be there, but its cause is not proven: it is best described by a or b (doubtful).",
+            "One error beyond the base model may be there, but its cause is not proven: it is best described by a or b (doubtful).",
         ),
         (
             [("a", True), ("b", True, True, True, (), (), False)],
             "all",
-            "One error beyond the base was named: a. One more may be there whose cause is not known to any registered mechanism: b (doubtful).",
+            "One error beyond the base model was named: a. One more may be there whose cause is not known to any registered mechanism: b (doubtful).",
         ),
         (
             [("a", True)],
             ["a", "b"],
-            "One error beyond the base was named: a. Only a and b could be named: no other cause was considered, and an error that has one may seem not to repeat.",
+            "One error beyond the base model was named: a. Only a and b could be named: no other cause was considered, and an error that has one may seem not to repeat.",
         ),
         (
             [],
@@ -171,12 +171,12 @@ def test_bad_news_is_said(gain, words) -> None:
         (
             [(name, True) for name in "abcdefgaa"],
             "all",
-            "Nine errors beyond the base were named: a, b, c, d, e, f and g.",
+            "Nine errors beyond the base model were named: a, b, c, d, e, f and g.",
         ),
         (
             [(name, True) for name in "abcdefghgh"],
             "all",
-            "Ten errors beyond the base were named: a, b, c, d, e, f and 4 more.",
+            "Ten errors beyond the base model were named: a, b, c, d, e, f and 4 more.",
         ),
     ],
 )
@@ -205,7 +205,9 @@ def test_what_nominal_means_is_said_where_anything_was_registered() -> None:
 )
 def test_small_findings_that_turn_the_target_say_how_far(small, words) -> None:
     named = [(name, True, False) for name in "bcd"]
-    assert said(named, small=small)[1] == f"Three small errors beyond the base together {words}"
+    assert (
+        said(named, small=small)[1] == f"Three small errors beyond the base model together {words}"
+    )
 
 
 @pytest.mark.parametrize(
@@ -226,11 +228,11 @@ def test_small_findings_are_told_by_their_sum() -> None:
     small = [(name, True, False, name == "d") for name in "bcd"]
     sums = "together move the target by 0.0213 mm rms."
     assert said([big, *small])[1] == (
-        f"One error beyond the base was named: a. Three smaller ones {sums}"
+        f"One error beyond the base model was named: a. Three smaller ones {sums}"
     )
-    assert said(small)[1] == f"Three small errors beyond the base {sums}"
+    assert said(small)[1] == f"Three small errors beyond the base model {sums}"
     assert said([big, *small[1:]])[1] == (
-        "Three errors beyond the base were named: a, c and d (doubtful)."
+        "Three errors beyond the base model were named: a, c and d (doubtful)."
     )
 
 

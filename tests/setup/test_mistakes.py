@@ -229,7 +229,7 @@ def test_the_studies_raise_no_alarm_and_their_mistakes_are_found(name, monkeypat
         )
     except DataError as refused:
         found = str(refused)
-    assert "if joint 3 turns the other way: check the sign of q3 and the robot file's axis" in found
+    assert "if joint 3 turns the other way: check the sign of column q3, or which way" in found
 
 
 @pytest.mark.slow

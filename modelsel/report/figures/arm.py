@@ -31,6 +31,7 @@ SAME_POINT = 0.07
 AXIS_LENGTH = 0.26  # inch: of half a dashed axis
 MARK = 0.08  # inch: half a mark
 MARK_STEP = 0.17  # inch from one mark to the next
+MARK_AWAY = 0.24  # inch from a frame to its marks
 LARGEST_LINE = 0.25  # inch between the lines of a list
 TRIAD_COLUMNS, MANY_COLUMNS = 4, 5  # triads in a row; of more than two such rows
 TRIAD_ROW = 1.1  # inch that a triad needs with its name
@@ -285,13 +286,31 @@ def _draw_marks(
         numbers = [number for number, _, frames in marks if set(frames) & set(group)]
         for frame in {frame for *_, frames in marks for frame in frames if frame in group}:
             ax.plot(*drawing.points[frame], "o", ms=9, mfc="none", mec=ORANGE, mew=1.4, zorder=5)
-        side = -1.0 if away[0] > 0 else 1.0
-        start = place + np.array([0.02 * side, 0.24 if away[1] < 0.5 else -0.24])
-        for step, number in enumerate(numbers):
-            centre = start + np.array([side * MARK_STEP * step, 0.0])
+        for centre, number in zip(
+            _place_row(place, away, len(numbers), taken), numbers, strict=True
+        ):
             _draw_mark(ax, centre, number)
             taken.append(np.stack([centre - MARK, centre + MARK]))
     return taken
+
+
+def _place_row(place: Array, away: Array, count: int, taken: Sequence[Array]) -> list[Array]:
+    """Place a row of marks beside a point, on the arm's side of it if boxes that are `taken` leave room
+    there, else elsewhere about it."""
+    side = -1.0 if away[0] > 0 else 1.0
+    above = MARK_AWAY if away[1] < 0.5 else -MARK_AWAY
+    rows = []
+    for beside, higher in ((0.02, above), (0.02, -above), (MARK_AWAY, 0.0), (-MARK_AWAY, 0.0)):
+        start = place + np.array([beside * side, higher])
+        onward = np.array([np.copysign(MARK_STEP, beside * side), 0.0])
+        rows.append([start + step * onward for step in range(count)])
+    free = (row for row in rows if not any(_is_on(centre, taken) for centre in row))
+    return next(free, rows[0])
+
+
+def _is_on(centre: Array, taken: Sequence[Array]) -> bool:
+    """Whether a mark would touch a box."""
+    return any((np.abs(centre - box.mean(0)) < 2 * MARK).all() for box in taken)
 
 
 def _draw_mark(ax: Any, place: Any, number: str) -> None:

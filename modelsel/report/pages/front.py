@@ -43,7 +43,7 @@ CAMPAIGN_LABELS = {
     "ambient": "Ambient",
 }
 LONGEST_ADVICE = 160  # letters
-WORTH = "Worth: by how much the held-out rms error falls when it joins the model, with its interval"
+WORTH = "Gain: by how much the held-out rms error falls when it joins the model, with its interval"
 PROBABILITY = (
     "Probability: of the cause; where that is not proven, also of the deepest level that is: place (what moves), drivers "
     "(what it depends on) or shape"
@@ -52,7 +52,7 @@ NAMED_COLUMNS = (
     ("", "right"),
     ("finding", "left"),
     ("what to do", "left"),
-    ("worth, rms", "left"),
+    ("gain, rms", "left"),
     ("probability", "left"),
 )
 # shares of the room between names, advice and probabilities

@@ -54,7 +54,7 @@
   if (!result.findings.length) findings.append(el("p", { text: result.nothing_else.sentence }));
   else {
     const table = el("table", { class: "plain stack named" }), rows = el("tbody");
-    table.append(el("thead", {}, el("tr", {}, ...["finding", "what goes wrong, what to do", "worth, rms", "verdict"].map((h) => el("th", { scope: "col", text: h })))), rows);
+    table.append(el("thead", {}, el("tr", {}, ...["finding", "what goes wrong, what to do", "gain, rms", "verdict"].map((h) => el("th", { scope: "col", text: h })))), rows);
     const open = (k) => {
       const button = el("button", { type: "button", text: `${k + 1}\u00a0${details.findings[k].label}` });
       button.addEventListener("click", () => openFinding(k));
@@ -64,7 +64,7 @@
       const f = result.findings[k], what = el("td", { text: f.sentence }), { short, worth } = data.advice[k];
       if (data.figures[k]) what.append(el("p", { class: "quiet", text: data.figures[k] }));
       what.append(el("p", { text: `What to do. ${short}` }));
-      rows.append(el("tr", {}, el("td", {}, open(k)), what, el("td", { "data-head": "worth, rms", text: worth }),
+      rows.append(el("tr", {}, el("td", {}, open(k)), what, el("td", { "data-head": "gain, rms", text: worth }),
         el("td", { "data-head": "verdict", text: data.verdicts[k] })));
     });
     findings.append(table, el("p", { class: "quiet", text: data.worth }));
