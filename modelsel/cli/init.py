@@ -86,7 +86,6 @@ def init_command(
     from ..measurements.formats.table import DataFile
     from ..study.joined_study import draft_joined_study
     from ..study.new_study import MIN_SPLIT, add_orientation, describe_draft, draft_study
-    from ..study.nominal_misfit import is_said_far
     from ..study.stated_setup import StatedSetup
     from ..study.study_folder import RobotSource, check_new, write_study_folder
 
@@ -122,6 +121,13 @@ def init_command(
         print_json({"written": paths, "columns": columns, "said": lines, "refused": refusal})
         return
     click.echo(f"Written: {', '.join(map(str, written))}")
+    _say_next(folder, lines, refusal)
+
+
+def _say_next(folder: Path, lines: list[str], refusal: str | None) -> None:
+    """Say what comes after the study was written, of which `lines` were said."""
+    from ..study.nominal_misfit import is_said_far
+
     place = str(folder)
     if place.startswith("-"):
         place = f"./{place}"  # else it is taken for an option

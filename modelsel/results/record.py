@@ -33,6 +33,7 @@ from .cautions import (
 from .finding_figures import FindingFigures, describe_figures, describe_small, measure_effects
 from .finding_records import describe_fault, describe_finding, list_screws
 from .goodness_of_fit import describe_noise, locate_features, measure_lack_of_fit
+from .largest_geometric_error import describe_largest_error
 from .placements import locate_placements
 from .reading import SCHEMA
 from .repeatability import describe_errors, measure_unrepeated
@@ -120,6 +121,7 @@ def _verdict(run: StudyRun, named: NamedErrors) -> tuple[str, ...]:
         diagnosis.nothing_else.sentence,
     )
     gained, named_sentence, remainder = sentences
+    named_sentence += _describe_geometry(run)
     named_sentence += explain_unknown_gravity(run.warnings)
     named_sentence += explain_doubted_gravity(diagnosis.findings)
     if diagnosis.mistake is not None:
@@ -133,6 +135,12 @@ def _verdict(run: StudyRun, named: NamedErrors) -> tuple[str, ...]:
         return told
     gained, *others = told
     return gained + advise_nominal(models.gain, orientation), *others
+
+
+def _describe_geometry(run: StudyRun) -> str:
+    """Describe the one error that takes most of what the chosen model's geometry explains; nothing where none does."""
+    largest = describe_largest_error(run.models.chosen.fit, run.robot)
+    return "" if largest is None else f" {largest}"
 
 
 def _measure_model(run: StudyRun) -> float:

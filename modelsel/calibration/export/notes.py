@@ -54,7 +54,7 @@ def _describe_moves(c: Calibration, what: str) -> tuple[str, ...]:
     names = [m.name for m in c.model.mechanisms if any(term.key in moves for term in m.terms)]
     sentence = (
         f"{sentence_list(names)} says how the instrument and the base moved against each other while the arm was "
-        "measured: that is no error of the arm, and not in the file"
+        "measured: the file is without it, as it does not belong to the arm"
     )
     return (sentence,)
 
