@@ -19,6 +19,13 @@ from ..mechanisms.terms import Term
 from ..robot.differences import describe_difference
 from .calibration import Calibration
 from .common_space import CommonSpace, build_common_space
+from .difference_tests import (
+    SIGNIFICANCE_TOGETHER,
+    correct_holm,
+    open_names,
+    test_parameters,
+    test_together,
+)
 from .ended_steps import settle_steps
 from .fewest_terms import Step, select_fewest_terms
 from .known_names import Names
@@ -30,7 +37,6 @@ from .mechanism_changes import (
     MechanismChange,
     Motions,
     compare_mechanisms,
-    two_sided_p,
     two_sided_quantile,
 )
 from .noise_changes import NoiseChange, find_noise_change
@@ -103,6 +109,8 @@ class Comparison:
     # that chance alone gives where the targets sit among each other, corrected for the number tested
     targets_among_p: float = 1.0
     noise: NoiseChange | None = None
+    # that chance alone gives the difference of all parameters together
+    together_p: float = 1.0
 
     @property
     def moved(self) -> tuple[Change, ...]:
@@ -125,20 +133,6 @@ class Comparison:
         return tuple(moved)
 
 
-def correct_holm(p: Array) -> Array:
-    """Correct p-values (k,) for their number, step down (Holm 1979)."""
-    count = len(p)
-    order = np.argsort(p, kind="stable")
-    ordered = p[order]
-    remaining = np.arange(count, 0, -1)
-    products = ordered * remaining
-    stepped = np.maximum.accumulate(products)
-    capped = np.minimum(stepped, 1.0)
-    out = np.empty(count)
-    out[order] = capped
-    return out
-
-
 def require_same_robot(a: Calibration, b: Calibration) -> None:
     """Raise StudyError where two nominal robots differ."""
     first = a.robot
@@ -158,17 +152,6 @@ def compare_campaigns(a: Calibration, b: Calibration) -> Comparison:
     ended = settle_steps(a, at_end=True)
     begun = settle_steps(b, at_end=False)
     space = build_common_space(ended, begun)
-    tested = _select_tested(space)
-    own = np.isin(space.kept[tested], space.offsets)
-    of_arm = tested[~own]
-    p_of_arm = _test_parameters(space, of_arm)
-    p_of_targets = compute_target_p(space)
-    p = correct_holm(np.concatenate([p_of_arm, p_of_targets]))
-    changes = _list_changes(space, of_arm, p[: len(of_arm)])
-    targets = build_target_changes(space, p[len(of_arm) :], len(p))
-    significant = bool(len(p)) and p.min() <= SIGNIFICANCE
-    explained, motions_of_targets = _explain(space, tested) if significant else ((), ())
-    moved = {explanation.mechanism for explanation in explained}
     motions = Motions(
         space.campaigns,
         space.terms,
@@ -176,8 +159,21 @@ def compare_campaigns(a: Calibration, b: Calibration) -> Comparison:
         space.factors,
         space.X,
         space.turns,
-        _error_ratio(space, tested),
+        _error_ratio(space, _select_tested(space)),
     )
+    space = open_names(space, motions)
+    tested = _select_tested(space)
+    own = np.isin(space.kept[tested], space.offsets)
+    of_arm = tested[~own]
+    p_of_arm = test_parameters(space, of_arm)
+    p_of_targets = compute_target_p(space)
+    p = correct_holm(np.concatenate([p_of_arm, p_of_targets]))
+    changes = _list_changes(space, of_arm, p[: len(of_arm)])
+    targets = build_target_changes(space, p[len(of_arm) :], len(p))
+    together = test_together(space, tested)
+    significant = together <= SIGNIFICANCE_TOGETHER or p.min(initial=1.0) <= SIGNIFICANCE
+    explained, motions_of_targets = _explain(space, tested) if significant else ((), ())
+    moved = {explanation.mechanism for explanation in explained}
     return Comparison(
         changes,
         explained,
@@ -191,6 +187,7 @@ def compare_campaigns(a: Calibration, b: Calibration) -> Comparison:
         motions_of_targets,
         float(p[-1]) if targets else 1.0,
         find_noise_change(a.floor, b.floor),
+        together,
     )
 
 
@@ -215,15 +212,6 @@ def _select_tested(space: CommonSpace) -> Index:
     determined = space.standard_errors > 0
     comparable_places = np.array(comparable, dtype=bool)
     return np.flatnonzero(comparable_places & determined)
-
-
-def _test_parameters(space: CommonSpace, tested: Index) -> Array:
-    """Test every representative: p-values, not corrected for their number."""
-    differences = space.difference[tested]
-    errors = space.standard_errors[tested]
-    z = differences / errors
-    p_values = [two_sided_p(value) for value in z.tolist()]
-    return np.array(p_values)
 
 
 def _list_changes(space: CommonSpace, tested: Index, p: Array) -> tuple[Change, ...]:

@@ -68,20 +68,13 @@ def _describe_followed(change: MechanismChange) -> str:
 
 def _describe_single(change: MechanismChange) -> str:
     """Describe a mechanism that one campaign alone has named, and what it may be in the other."""
-    told = _describe_size_and_limit(change)
-    if change.perhaps is None:
-        return told
-    is_first = change.only_in == CAMPAIGN_NAMES[0]
-    other = CAMPAIGN_NAMES[is_first]
-    return f"{told} It may be the same error as {change.perhaps} of the {other}, which moves the target much alike."
-
-
-def _describe_size_and_limit(change: MechanismChange) -> str:
-    """Describe how much a mechanism of one campaign moves, and from where the other would name it."""
     is_first = change.only_in == CAMPAIGN_NAMES[0]
     named, other = CAMPAIGN_NAMES if is_first else CAMPAIGN_NAMES[::-1]
     largest = change.before_mm if is_first else change.after_mm
     size = f"{write_rounded(largest)} mm rms at the target{_describe_turns(change)}"
+    only = f"{change.name} is in the model of the {named} campaign only, with {size}."
+    if change.perhaps is not None:
+        return f"{only} It may be the same error as {change.perhaps} of the {other}, which moves the target much alike."
     limit = f"From where on the {other} would have named it is not known"
     if change.seen_mm is not None:
         seen = write_rounded(change.seen_mm, 2)
@@ -89,7 +82,4 @@ def _describe_size_and_limit(change: MechanismChange) -> str:
             return f"{change.name} {change.what}: {size}; the {other} campaign would have named it from {seen} mm on."
         limit = f"The {other} would have named it only from {seen} mm on"
     verb = "disappeared" if is_first else "appeared"
-    return (
-        f"{change.name} is in the model of the {named} campaign only, with {size}. {limit}, "
-        f"so it cannot be said whether it {verb}."
-    )
+    return f"{only} {limit}, so it cannot be said whether it {verb}."

@@ -37,7 +37,8 @@ class CommonSpace:
     measured orientations, else of no row; `theta` (2, p) and `factors` of the campaigns' covariances; `kept` places
     of the representatives, `relation` (p, r) from all terms to them; `placing` the terms that a new
     placement, or another target, takes up; `offsets` (targets, 3) places of the terms that move one
-    of several targets that both have measured.
+    of several targets that both have measured; `open_directions` (r, d): how the representatives may
+    differ because the campaigns give one motion two names, one standard deviation each.
     """
 
     campaigns: tuple[Calibration, Calibration]
@@ -51,6 +52,7 @@ class CommonSpace:
     kept: Index
     relation: Array
     offsets: Index
+    open_directions: Array | None = None
 
     @cached_property
     def shared(self) -> set[tuple[Hashable, ...]]:
@@ -133,6 +135,8 @@ class CommonSpace:
         for factor in self.factors:
             own = relation @ factor
             factors.append(own)
+        if self.open_directions is not None:
+            factors.append(self.open_directions)
         return np.concatenate(factors, 1)
 
     @cached_property

@@ -8,6 +8,7 @@ from ..diagnosis.findings.sentences import format_quantity
 from ..exceptions import choice_list, count_words, sentence_list, write_rounded
 from .campaigns import Comparison, Explanation
 from .change_sentences import describe_change, write_p
+from .difference_tests import SIGNIFICANCE_TOGETHER
 from .known_names import Names
 from .mechanism_changes import CAMPAIGN_NAMES, DEFINITE_CHANGES
 from .noise_changes import NoiseChange
@@ -137,6 +138,8 @@ def _summarise(comparison: Comparison) -> str:
         return f"These are the fewest {terms} that explain the difference of the parameters ({tested})."
     moved = [change.label for change in comparison.moved]
     moved += [f'the place of "{one.target}"' for one in comparison.moved_targets]
+    if not moved and comparison.together_p <= SIGNIFICANCE_TOGETHER:
+        return f"The parameters changed together beyond chance, but no few terms explain it ({tested})."
     if moved:
         names = ", ".join(moved[:MAX_LISTED])
         return f"{names} changed beyond chance, but no few terms explain it ({tested})."
@@ -173,7 +176,8 @@ def _describe_tests(comparison: Comparison) -> str:
         targets = len(comparison.targets)
         counted = f"{counted} and the places of {targets} targets"
     said = write_p(least)
-    return f"{counted} tested, {said} for the most surprising, corrected for their number"
+    together = write_p(comparison.together_p)
+    return f"{counted} tested, {said} for the most surprising, corrected for their number, {together} for all together"
 
 
 def _describe_detectable(comparison: Comparison) -> str:

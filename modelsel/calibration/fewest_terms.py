@@ -121,11 +121,13 @@ class _Search:
         self.alike: dict[int, list[int]] = {}
 
     def run(self) -> None:
-        """Choose until what is left is chance, or nothing explains it."""
+        """Choose until what is left is chance, nothing explains it, or the choice goes round in a circle."""
         from scipy.special import chdtrc
 
         count = len(self.response)
-        while True:
+        visited = set[frozenset[int]]()
+        while frozenset(self.alike) not in visited:
+            visited.add(frozenset(self.alike))
             basis = self._span(list(self.alike))
             residual = project_out(self.response, basis)
             chi2 = float(residual @ residual)

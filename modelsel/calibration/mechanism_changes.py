@@ -29,6 +29,7 @@ MIN_COSINE = 0.95  # of two motions beyond the geometry that are one under two n
 MIN_COSINE_PERHAPS = 0.7  # of two that may be: half of that is common
 POWER_QUANTILE = 1.28  # standard errors beyond the level's own: a change so large is seen with 90 %
 NAMING_THRESHOLD = 5.4  # standard errors from which a search among thousands names with 90 %
+MAY_BE_LESS = 1.64  # standard errors by which what one campaign has named may be smaller (95 %)
 # certain, else possible
 SINGLE_WORDS = (("disappeared", "may have disappeared"), ("appeared", "may have appeared"))
 DEFINITE_CHANGES = ("appeared", "disappeared", "grew", "shrank")
@@ -212,6 +213,8 @@ def compare_mechanisms(motions: Motions, moved: set[str]) -> tuple[MechanismChan
             turns = _measure_turns(motions, *named)
             others = appeared if campaign == 0 else disappeared
             likest = _find_likest(motions, campaign, name, [o for o in others if o not in renamed])
+            if likest is not None and change.what in DEFINITE_CHANGES:
+                change = replace(change, what=SINGLE_WORDS[campaign][1])
             changes.append(replace(change, turns_mrad=turns, perhaps=likest))
     return tuple(changes)
 
@@ -347,11 +350,12 @@ def _judge_single(motions: Motions, campaign: int, name: str) -> MechanismChange
 
 def _naming_limit(motions: Motions, campaign: int, error: float) -> float | None:
     """Return the size [mm] from which the other campaign would have named a motion whose standard
-    error in `campaign` is `error`; None where that error is zero: it says nothing of the other."""
+    error in `campaign` is `error`, which it may be smaller by; None where that error is zero: it says
+    nothing of the other."""
     if not error:
         return None
     ratio = motions.surer if campaign == 0 else 1 / motions.surer
-    return NAMING_THRESHOLD * error * ratio
+    return (NAMING_THRESHOLD * ratio + MAY_BE_LESS) * error
 
 
 def _unit(vector: Array) -> Array:

@@ -13,9 +13,10 @@ from click.testing import CliRunner
 
 from modelsel.calibration.calibration import Calibration, calibrate
 from modelsel.calibration.calibration_file import calibration_text
-from modelsel.calibration.campaigns import Change, Comparison, compare_campaigns, correct_holm
+from modelsel.calibration.campaigns import Change, Comparison, compare_campaigns
 from modelsel.calibration.change_sentences import describe_change, write_p
 from modelsel.calibration.comparison_sentences import describe_comparison
+from modelsel.calibration.difference_tests import correct_holm
 from modelsel.calibration.fewest_terms import select_fewest_terms
 from modelsel.calibration.prediction import compute_pose, predict, propagate_uncertainty
 from modelsel.calibration.validation import judge
@@ -556,6 +557,48 @@ def test_two_names_of_motions_that_are_much_alike_may_be_one_error(beside_mm, is
     for words, other in zip(said, ("cell of the second", "joint3-twist of the first"), strict=True):
         told = f" It may be the same error as {other}, which moves the target much alike."
         assert words.endswith(told) == is_told, words
+
+
+@seeds(1, 2, 3)
+def test_a_zero_that_no_parameter_shows_alone_is_told(rng) -> None:
+    """Of the wrist the data tell combinations: a zero that moved was hidden in the errors of all."""
+    geometry, theta = truth(("geometric",))
+    moved = theta.copy()
+    moved[place(geometry, "γ5")] += rng.choice([-1.0, 1.0]) * rng.uniform(0.7e-3, 1.0e-3)
+    found = compare_campaigns(
+        calibrated(rng, geometry, theta, 60), calibrated(rng, geometry, moved, 60)
+    )
+    assert found.together_p < 0.01
+    assert found.explained_by
+    names = [found.explained_by[0].label, *found.explained_by[0].alike]
+    assert "γ5 (frame 5 rz)" in names or any("frame 6" in name for name in names)
+
+
+@seeds(1, 2)
+def test_a_spring_under_two_names_tilts_no_axis(rng) -> None:
+    """What the geometry follows of a spring stands in its name in one campaign, in the geometry in the other."""
+    robot = load_robot("ur10e")
+    spring, bending = (
+        mechanism(f"{name}", robot) for name in ("joint-compliance:2", "link-bending:1")
+    )
+    geometry = mechanism("geometric", robot)
+    theta = np.r_[[rng.normal(0, 0.1 * t.size[1]) for t in geometry.terms], 2e-5]
+    planted_by = Model((geometry, spring))
+    first = calibrated(rng, planted_by, theta, robot=robot)
+    second = calibrated(rng, planted_by, theta, fitted=Model((geometry, bending)), robot=robot)
+    found = compare_campaigns(first, second)
+    assert [one.name for one in found.mechanisms][0].startswith("joint-compliance:2")
+    assert found.explained_by == ()
+    assert found.moved == ()
+
+
+def test_a_choice_that_goes_round_in_a_circle_ends() -> None:
+    """What each step makes superfluous was chosen again by the next."""
+    rng = np.random.default_rng(2)
+    for _ in range(200):
+        directions = rng.normal(0, 1, (6, 3)) @ np.diag([1.0, 1e-2, 1e-4])
+        factor = np.diag([1.0, 1e-2, 1e-4])
+        select_fewest_terms(rng.normal(0, 4, 3), factor, directions)
 
 
 @pytest.mark.parametrize("mean", [3.0, 8.0])
