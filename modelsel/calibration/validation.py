@@ -46,9 +46,9 @@ from .reregistration import register_again
 MAX_P = 0.01  # below it a calibration is called drifted
 MAX_ROW_P = 0.05  # corrected for the number of rows: below it a row is beyond noise
 # a row further off [standard deviations] is no noise, as of a study's held-out rows; a greater share
-# of them is no bad shots
+# of them is no bad shots; of a quick check of few rows, one may be
 MAX_ROW_SD = 8.0
-MAX_FAR_SHARE = 0.05
+MAX_FAR_SHARE, FEWEST_ROWS = 0.05, 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,10 +157,13 @@ def judge(c: Calibration, data: Measurements, free_setup: bool) -> Verdict:
     verdict = _judge_rows(c, data, free_setup)
     size = verdict.size
     is_far = size > MAX_ROW_SD
-    share = is_far.mean()
+    count = int(is_far.sum())
+    most = MAX_FAR_SHARE * len(is_far)
+    if len(is_far) >= FEWEST_ROWS:
+        most = max(most, 1.0)
     if not verdict.drifted or verdict.mistaken:
         return verdict
-    if not 0 < share <= MAX_FAR_SHARE:
+    if not 0 < count <= most:
         return verdict
     others = np.flatnonzero(~is_far)
     kept = data.take(others)
@@ -168,7 +171,6 @@ def judge(c: Calibration, data: Measurements, free_setup: bool) -> Verdict:
     if rest.drifted:
         return verdict
     worst_first = np.argsort(-size, kind="stable")
-    count = int(is_far.sum())
     chosen = worst_first[:count]
     rows = tuple(chosen.tolist())
     residual = verdict.residual

@@ -356,11 +356,23 @@ def format_plan(plan: MeasurementPlan) -> list[str]:
     columns = [describe_approaches(plan.table), describe_conditions(plan.table)]
     lines += [sentence for sentence in columns if sentence]
     lines.append(_format_indices(plan))
+    if plan.measured > plan.configurations:
+        lines.append(_describe_split(plan))
     if plan.learning:
         lines.append(format_learning(plan))
     if plan.repeats is not None:
         lines.append(format_repeats(plan.repeats))
     return lines
+
+
+def _describe_split(plan: MeasurementPlan) -> str:
+    """Say how the configurations of a plan come to estimate: a study's split draws anew among more rows."""
+    raised = plan.configurations + len(plan.rows)
+    return (
+        "These figures hold where all of these configurations estimate. A split that is drawn, is drawn anew with "
+        f"more rows: set `estimation = {raised}` under [split], or say in a column which rows are held out "
+        "(`split.column`)."
+    )
 
 
 def _format_indices(plan: MeasurementPlan) -> str:

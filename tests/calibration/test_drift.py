@@ -559,6 +559,19 @@ def test_two_names_of_motions_that_are_much_alike_may_be_one_error(beside_mm, is
         assert words.endswith(told) == is_told, words
 
 
+@pytest.mark.parametrize("bad", [1, 2])
+def test_one_bad_shot_of_a_quick_check_is_no_drift(bad: int, rng) -> None:
+    """Of ten rows it is more than a twentieth; two are no longer one bad shot."""
+    model, theta = truth()
+    new = campaign(rng, 10, model, theta)
+    rows = rng.choice(10, bad, replace=False)
+    position = new.position.copy()
+    position[rows] += 3.0 * rng.choice([-1.0, 1.0], (bad, 3))
+    found = judge(calibrated(rng, model, theta), replace(new, position=position), False)
+    assert found.drifted == (bad > 1)
+    assert found.left_out == (tuple(rows.tolist()) if bad == 1 else ())
+
+
 @seeds(1, 2, 3)
 def test_a_zero_that_no_parameter_shows_alone_is_told(rng) -> None:
     """Of the wrist the data tell combinations: a zero that moved was hidden in the errors of all."""
@@ -578,16 +591,14 @@ def test_a_zero_that_no_parameter_shows_alone_is_told(rng) -> None:
 def test_a_spring_under_two_names_tilts_no_axis(rng) -> None:
     """What the geometry follows of a spring stands in its name in one campaign, in the geometry in the other."""
     robot = load_robot("ur10e")
-    spring, bending = (
-        mechanism(f"{name}", robot) for name in ("joint-compliance:2", "link-bending:1")
-    )
+    spring, bending = (mechanism(name, robot) for name in ("joint-compliance:2", "link-bending:1"))
     geometry = mechanism("geometric", robot)
     theta = np.r_[[rng.normal(0, 0.1 * t.size[1]) for t in geometry.terms], 2e-5]
     planted_by = Model((geometry, spring))
     first = calibrated(rng, planted_by, theta, robot=robot)
     second = calibrated(rng, planted_by, theta, fitted=Model((geometry, bending)), robot=robot)
     found = compare_campaigns(first, second)
-    assert [one.name for one in found.mechanisms][0].startswith("joint-compliance:2")
+    assert next(one.name for one in found.mechanisms).startswith("joint-compliance:2")
     assert found.explained_by == ()
     assert found.moved == ()
 

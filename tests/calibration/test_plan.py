@@ -502,6 +502,10 @@ def test_learning_counts_configurations_that_estimate(fitted) -> None:
         f"To find smaller effects: {counts.estimation} of {total} measured configurations estimate now"
     )
     assert learning.endswith(" more that estimate.")
+    raised = counts.estimation + len(planned.rows)
+    assert any(
+        f"set `estimation = {raised}` under [split]" in line for line in format_plan(planned)
+    )
     told = describe_size(replace(planned, configurations=24, measured=60), 0.05, 7)
     assert "after 7 more configurations that estimate, of 18 in all where the split" in told
     whole = describe_size(replace(planned, configurations=60, measured=60), 0.05, 7)
