@@ -84,8 +84,13 @@ def list_left_out(c: Calibration, form: str) -> list[Part]:
     """List what a form cannot carry of the arm, for the first target and group."""
     arm = leave_out_moves(restrict_to_form(c, "whole"))
     carries = select_carried(c.model, form)
-    places = [k for k, term in enumerate(arm.terms) if not carries(term)]
-    constant, varying = split_parts(select_terms(arm, places, arm.theta[places]))
+    places = []
+    for place, term in enumerate(arm.terms):
+        if not carries(term):
+            places.append(place)
+    estimates = arm.theta[places]
+    left_out = select_terms(arm, places, estimates)
+    constant, varying = split_parts(left_out)
     return constant + varying
 
 
@@ -93,10 +98,12 @@ def leave_out_moves(c: Calibration) -> Calibration:
     """Return the calibration without what the instrument and the base moved against each other while
     it was measured, which is no error of the arm."""
     moves = list_moves(c.model)
-    places = [k for k, term in enumerate(c.terms) if term.key not in moves]
-    if len(places) == len(c.terms):
-        return c
-    return select_terms(c, places, c.theta[places])
+    places = []
+    for place, term in enumerate(c.terms):
+        if term.key not in moves:
+            places.append(place)
+    estimates = c.theta[places]
+    return select_terms(c, places, estimates) if moves else c
 
 
 def select_terms(c: Calibration, places: Sequence[int], theta: Array) -> Calibration:

@@ -35,8 +35,11 @@ def test_parameters(space: CommonSpace, tested: Index) -> Array:
     differences = space.difference[tested]
     errors = space.standard_errors[tested]
     z = differences / errors
-    p_values = [two_sided_p(value) for value in z.tolist()]
-    return np.array(p_values)
+    p = []
+    for value in z.tolist():
+        chance = two_sided_p(value)
+        p.append(chance)
+    return np.array(p)
 
 
 def test_together(space: CommonSpace, tested: Index) -> float:
@@ -47,36 +50,54 @@ def test_together(space: CommonSpace, tested: Index) -> float:
     lengths = np.linalg.norm(factor, axis=1)
     scaled = factor / lengths[:, None]
     basis = orthonormal_basis(scaled)
-    if not basis.size:
+    rank = basis.shape[1]
+    if not rank:
         return 1.0
-    within = basis.T @ (space.difference[tested] / lengths)
-    covariance = basis.T @ scaled @ scaled.T @ basis
-    chi2 = float(within @ np.linalg.solve(covariance, within))
-    return float(chdtrc(basis.shape[1], chi2))
+    difference = space.difference[tested]
+    within = basis.T @ (difference / lengths)
+    own = basis.T @ scaled
+    covariance = own @ own.T
+    solved = np.linalg.solve(covariance, within)
+    chi2 = float(within @ solved)
+    return float(chdtrc(rank, chi2))
 
 
 def open_names(space: CommonSpace, motions: Motions) -> CommonSpace:
     """Leave open how the geometry of two campaigns differs because one of them alone has a mechanism, or gives it
     another name: what the geometry follows of it stands in the mechanism there, in the geometry here."""
-    geometry = [k for k, place in enumerate(space.kept) if _is_followed(space, int(place))]
-    columns = motions.X.reshape(-1, len(space.terms))
-    of_geometry = columns[:, space.kept[geometry]]
-    named = [motions.locate_mechanisms(k) for k in range(2)]
+    is_geometry = np.array([_is_of_geometry(space, place) for place in space.kept.tolist()])
+    count = len(space.terms)
+    columns = motions.X.reshape(-1, count)
+    of_geometry = columns[:, space.kept[is_geometry]]
     directions = []
-    for k, other in ((0, named[1]), (1, named[0])):
-        for name, places in named[k].items():
-            if name in other:
-                continue
-            followed, *_ = np.linalg.lstsq(of_geometry, motions.whole(k, places), rcond=None)
-            direction = np.zeros(len(space.kept))
-            direction[geometry] = followed
-            directions.append(direction)
+    for campaign, places in _list_own(motions):
+        motion = motions.whole(campaign, places)
+        followed, *_ = np.linalg.lstsq(of_geometry, motion, rcond=None)
+        direction = np.zeros(len(is_geometry))
+        direction[is_geometry] = followed
+        directions.append(direction)
     if not directions:
         return space
-    return replace(space, open_directions=np.column_stack(directions))
+    open_directions = np.column_stack(directions)
+    return replace(space, open_directions=open_directions)
 
 
-def _is_followed(space: CommonSpace, place: int) -> bool:
+def _list_own(motions: Motions) -> list[tuple[int, list[int]]]:
+    """List what one campaign alone has, or calls so: its number, and the places of the terms."""
+    named = [motions.locate_mechanisms(k) for k in range(2)]
+    own = []
+    for campaign, other in ((0, 1), (1, 0)):
+        for name, places in named[campaign].items():
+            if name not in named[other]:
+                entry = campaign, places
+                own.append(entry)
+    return own
+
+
+def _is_of_geometry(space: CommonSpace, place: int) -> bool:
     """Whether a term is of the geometry or the set-up."""
     term = space.terms[place]
-    return term in space.placing or space.owner.get(term.key) in GEOMETRY_NAMES
+    if term in space.placing:
+        return True
+    owner = space.owner.get(term.key)
+    return owner in GEOMETRY_NAMES

@@ -355,7 +355,9 @@ def _naming_limit(motions: Motions, campaign: int, error: float) -> float | None
     if not error:
         return None
     ratio = motions.surer if campaign == 0 else 1 / motions.surer
-    return (NAMING_THRESHOLD * ratio + MAY_BE_LESS) * error
+    of_other = NAMING_THRESHOLD * ratio * error
+    of_own = MAY_BE_LESS * error
+    return of_other + of_own
 
 
 def _unit(vector: Array) -> Array:

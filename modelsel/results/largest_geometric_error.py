@@ -3,13 +3,13 @@ motor has moved: fitted whole, the geometry spreads it over parameters that the 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from .._linalg import TINY
-from .._typing import Array
+from .._typing import Array, Mask
 from ..exceptions import choice_list, write_percent, write_rounded
 from ..fitting.least_squares import Fit
 from ..mechanisms.terms import Term
@@ -33,6 +33,22 @@ class _Geometry(NamedTuple):
     response: Array
     rank: int
 
+    @property
+    def lengths(self) -> Array:
+        """Lengths (g,) of the columns."""
+        return np.asarray(np.linalg.norm(self.columns, axis=0))
+
+    @property
+    def along(self) -> Array:
+        """The response along each column (g,)."""
+        products = self.response @ self.columns
+        return np.asarray(products / self.lengths)
+
+    @property
+    def sizes(self) -> Array:
+        """The size (g,) of each error, taken alone."""
+        return np.asarray(self.along / self.lengths)
+
 
 def describe_largest_error(fit: Fit, robot: Robot) -> str | None:
     """Describe the one error of a fit's geometry that takes most of what the whole geometry explains, and which
@@ -45,27 +61,21 @@ def describe_largest_error(fit: Fit, robot: Robot) -> str | None:
     geometry = _reduce(fit)
     if geometry is None:
         return None
-    lengths = np.linalg.norm(geometry.columns, axis=0)
-    along = geometry.response @ geometry.columns / lengths
-    explained = np.square(along)
+    explained = np.square(geometry.along)
     basis = _span(geometry.columns)
-    together = float(np.square(geometry.response @ basis).sum())
-    directions = geometry.rank - 1
-    left = together - explained
-    limit = left.min() * CLEAR_ODDS ** (2 / directions)
-    # the strongest first
-    possible = [k for k in np.argsort(left, kind="stable").tolist() if left[k] <= limit]
+    within = geometry.response @ basis
+    together = float(within @ within)
+    possible = _list_possible(together - explained, geometry.rank)
     zeros = [k for k in possible if _is_zero(geometry.terms[k], robot)]
-    told = zeros[0] if zeros else possible[0]
+    told, *_ = [*zeros, *possible]
     share = float(explained[told]) / max(together, TINY)
     if share < LEAST_SHARE:
         return None
     term = geometry.terms[told]
-    size = write_rounded(float(along[told] / lengths[told]) * (1e3 if _turns(term) else 1.0), 2)
-    sentence = (
-        f"One error takes {write_percent(share)} of what the geometry explains: {_name_error(term, robot)} by about "
-        f"{size} {'mrad' if _turns(term) else 'mm'} ({term.symbol})."
-    )
+    size = _write_size(term, float(geometry.sizes[told]))
+    percent = write_percent(share)
+    name = _name_error(term, robot)
+    sentence = f"One error takes {percent} of what the geometry explains: {name} by about {size} ({term.symbol})."
     others = [geometry.terms[k] for k in possible if k != told]
     if not others:
         return sentence
@@ -73,11 +83,27 @@ def describe_largest_error(fit: Fit, robot: Robot) -> str | None:
     return f"{sentence} It may also be that {choice_list(names)}."
 
 
+def _list_possible(left: Array, rank: int) -> list[int]:
+    """List the errors that it may be by what each leaves (g,) of the squares, the likeliest first."""
+    directions = rank - 1
+    limit = left.min() * CLEAR_ODDS ** (2 / directions)
+    order = np.argsort(left, kind="stable")
+    possible: list[int] = order[left[order] <= limit].tolist()
+    return possible
+
+
+def _write_size(term: Term, size: float) -> str:
+    """Write the size [mm, rad] of an error of the geometry, of which two digits are known at most."""
+    if _turns(term):
+        mrad = write_rounded(1e3 * size, 2)
+        return f"{mrad} mrad"
+    mm = write_rounded(size, 2)
+    return f"{mm} mm"
+
+
 def _reduce(fit: Fit) -> _Geometry | None:
     """Reduce a fit's rows to its geometry, without what finds tracker and target; None where that is little."""
-    others = [m for m in fit.model.mechanisms if m.name != GEOMETRIC]
-    found_otherwise = {term.key for mechanism in others for term in mechanism.terms}
-    is_geometry = np.array([term.key not in found_otherwise for term in fit.terms])
+    is_geometry = _mark_geometry(fit)
     triangle = fit.reduction.R
     columns = triangle[:, :-1]
     response = triangle[:, -1] + columns @ fit.theta
@@ -85,42 +111,66 @@ def _reduce(fit: Fit) -> _Geometry | None:
     own = columns[:, is_geometry]
     beyond = own - basis @ (basis.T @ own)
     left = response - basis @ (basis.T @ response)
-    is_own = np.linalg.norm(beyond, axis=0) > LEAST_OWN * np.linalg.norm(own, axis=0)
-    beyond = beyond[:, is_own]
-    rank = _span(beyond).shape[1]
+    whole = np.linalg.norm(own, axis=0)
+    lengths = np.linalg.norm(beyond, axis=0)
+    is_own = lengths > LEAST_OWN * whole
+    seen = beyond[:, is_own]
+    rank = _span(seen).shape[1]
     if rank < LEAST_RANK:
         return None
-    terms = [fit.terms[k] for k in np.flatnonzero(is_geometry)[is_own]]
-    return _Geometry(terms, beyond, left, rank)
+    places = np.flatnonzero(is_geometry)[is_own]
+    terms = [fit.terms[place] for place in places]
+    return _Geometry(terms, seen, left, rank)
+
+
+def _mark_geometry(fit: Fit) -> Mask:
+    """Mark (p,) the terms of the geometry that no other mechanism has, such as what finds the tracker."""
+    others = set[Hashable]()
+    for mechanism in fit.model.mechanisms:
+        if mechanism.name != GEOMETRIC:
+            others |= {term.key for term in mechanism.terms}
+    return np.array([term.key not in others for term in fit.terms])
 
 
 def _span(columns: Array) -> Array:
     """Return an orthonormal basis (k, r) of what columns (k, n) span, each counted in its own unit."""
     lengths = np.linalg.norm(columns, axis=0)
     is_there = lengths > 0
-    scaled = columns[:, is_there] / lengths[is_there]
+    kept = columns[:, is_there]
+    scaled = kept / lengths[is_there]
     vectors, values, _ = np.linalg.svd(scaled, full_matrices=False)
-    return np.asarray(vectors[:, values > OWN_SHARE * values.max(initial=0.0)])
+    least = OWN_SHARE * values.max(initial=0.0)
+    spanned = values > least
+    return np.asarray(vectors[:, spanned])
 
 
 def _turns(term: Term) -> bool:
     """Whether an error of the geometry turns a frame, else it shifts one."""
-    return term.screws[0].axis[0] == "r"
+    (screw,) = term.screws
+    kind = screw.axis[0]
+    return kind == "r"
 
 
 def _is_zero(term: Term, robot: Robot) -> bool:
     """Whether an error of the geometry is that of a joint's zero."""
     (screw,) = term.screws
-    if screw.frame > robot.n:
+    frame = screw.frame
+    if frame > robot.n:
         return False
-    return screw.axis == ("tz" if robot.prismatic[screw.frame - 1] else "rz")
+    slides = robot.prismatic[frame - 1]
+    own = "tz" if slides else "rz"
+    return screw.axis == own
 
 
 def _name_error(term: Term, robot: Robot) -> str:
     """Name what an error of the geometry moves, and how."""
     (screw,) = term.screws
+    frame = screw.frame
+    axis = screw.axis[1]
     if _is_zero(term, robot):
-        return f"the zero of joint {screw.frame} is off"
-    place = "the target" if screw.frame > robot.n else f"frame {screw.frame}"
+        return f"the zero of joint {frame} is off"
+    place = f"frame {frame}"
+    if frame > robot.n:
+        place = "the target"
     moved = "turned about" if _turns(term) else "off along"
-    return f"{place} is {moved} {screw.axis[1]}"
+    return f"{place} is {moved} {axis}"

@@ -139,8 +139,11 @@ def _verdict(run: StudyRun, named: NamedErrors) -> tuple[str, ...]:
 
 def _describe_geometry(run: StudyRun) -> str:
     """Describe the one error that takes most of what the chosen model's geometry explains; nothing where none does."""
-    largest = describe_largest_error(run.models.chosen.fit, run.robot)
-    return "" if largest is None else f" {largest}"
+    chosen = run.models.chosen
+    largest = describe_largest_error(chosen.fit, run.robot)
+    if largest is None:
+        return ""
+    return f" {largest}"
 
 
 def _measure_model(run: StudyRun) -> float:

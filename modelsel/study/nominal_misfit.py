@@ -69,7 +69,8 @@ def describe_misfit(robot: Robot, data: Measurements) -> list[str]:
 
 def is_said_far(lines: Sequence[str]) -> bool:
     """Whether lines say that the nominal arm does not fit."""
-    return any(FAR in line for line in lines)
+    text = " ".join(lines)
+    return FAR in text
 
 
 def _say_why_untried(data: Measurements) -> str:

@@ -397,7 +397,7 @@ def test_check_says_what_the_data_can_tell_and_what_would_tell_the_rest(tmp_path
     assert parts["joint 2"] == parts["configuration"] == "targets"
     assert "30 rows beyond the first of their visit" in said
     assert parts["instrument target a"] == parts["instrument target b"] == "sizes"
-    assert "Whether one target is measured with more noise than others: told by the sizes" in said
+    assert "Whether one target is measured with more noise than others: judged by the sizes" in said
     assert "Whether one group is" not in said
 
     parts, said = told(pairs[pairs["target"] == "a"])

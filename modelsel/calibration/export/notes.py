@@ -49,9 +49,15 @@ def _describe_moves(c: Calibration, what: str) -> tuple[str, ...]:
     nothing where they stood still, or the file has it."""
     moves = list_moves(c.model)
     carries = select_carried(c.model, what)
-    if not any(term.key in moves and not carries(term) for term in c.terms):
+    left_out = {term.key for term in c.terms if not carries(term)}
+    left_out &= moves
+    if not left_out:
         return ()
-    names = [m.name for m in c.model.mechanisms if any(term.key in moves for term in m.terms)]
+    names = []
+    for mechanism in c.model.mechanisms:
+        keys = {term.key for term in mechanism.terms}
+        if keys & left_out:
+            names.append(mechanism.name)
     sentence = (
         f"{sentence_list(names)} says how the instrument and the base moved against each other while the arm was "
         "measured: the file is without it, as it does not belong to the arm"

@@ -167,7 +167,8 @@ def to_python(c: Calibration, notes: Sequence[str] = ()) -> Exported:
         for name in there["needs"]:
             given[name] = at.value(name)
         given["progress"] = at.value("progress")
-        _, calibrated = predict_both(there, at.data.readings, c.targets[t], given)
+        q = at.data.readings
+        _, calibrated = predict_both(there, q, c.targets[t], given)
         return calibrated
 
     def compute_difference(target: int, at: Problem) -> Array:

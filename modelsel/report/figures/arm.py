@@ -301,16 +301,25 @@ def _place_row(place: Array, away: Array, count: int, taken: Sequence[Array]) ->
     above = MARK_AWAY if away[1] < 0.5 else -MARK_AWAY
     rows = []
     for beside, higher in ((0.02, above), (0.02, -above), (MARK_AWAY, 0.0), (-MARK_AWAY, 0.0)):
-        start = place + np.array([beside * side, higher])
-        onward = np.array([np.copysign(MARK_STEP, beside * side), 0.0])
-        rows.append([start + step * onward for step in range(count)])
-    free = (row for row in rows if not any(_is_on(centre, taken) for centre in row))
-    return next(free, rows[0])
+        across = beside * side
+        start = place + np.array([across, higher])
+        step = np.copysign(MARK_STEP, across)
+        row = [start + np.array([k * step, 0.0]) for k in range(count)]
+        rows.append(row)
+    for row in rows:
+        blocked = [_is_on(centre, taken) for centre in row]
+        if not any(blocked):
+            return row
+    return rows[0]
 
 
 def _is_on(centre: Array, taken: Sequence[Array]) -> bool:
     """Whether a mark would touch a box."""
-    return any((np.abs(centre - box.mean(0)) < 2 * MARK).all() for box in taken)
+    for box in taken:
+        apart = np.abs(centre - box.mean(0))
+        if apart.max() < 2 * MARK:
+            return True
+    return False
 
 
 def _draw_mark(ax: Any, place: Any, number: str) -> None:
