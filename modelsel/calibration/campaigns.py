@@ -21,10 +21,10 @@ from .calibration import Calibration
 from .common_space import CommonSpace, build_common_space
 from .difference_tests import (
     SIGNIFICANCE_TOGETHER,
+    compute_p_of_each,
+    compute_p_together,
     correct_holm,
     open_names,
-    test_parameters,
-    test_together,
 )
 from .ended_steps import settle_steps
 from .fewest_terms import Step, select_fewest_terms
@@ -165,12 +165,12 @@ def compare_campaigns(a: Calibration, b: Calibration) -> Comparison:
     tested = _select_tested(space)
     own = np.isin(space.kept[tested], space.offsets)
     of_arm = tested[~own]
-    p_of_arm = test_parameters(space, of_arm)
+    p_of_arm = compute_p_of_each(space, of_arm)
     p_of_targets = compute_target_p(space)
     p = correct_holm(np.concatenate([p_of_arm, p_of_targets]))
     changes = _list_changes(space, of_arm, p[: len(of_arm)])
     targets = build_target_changes(space, p[len(of_arm) :], len(p))
-    together = test_together(space, tested)
+    together = compute_p_together(space, tested)
     significant = together <= SIGNIFICANCE_TOGETHER or p.min(initial=1.0) <= SIGNIFICANCE
     explained, motions_of_targets = _explain(space, tested) if significant else ((), ())
     moved = {explanation.mechanism for explanation in explained}

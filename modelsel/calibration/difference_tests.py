@@ -30,8 +30,8 @@ def correct_holm(p: Array) -> Array:
     return out
 
 
-def test_parameters(space: CommonSpace, tested: Index) -> Array:
-    """Test every representative: p-values, not corrected for their number."""
+def compute_p_of_each(space: CommonSpace, tested: Index) -> Array:
+    """Compute the p-value of every representative, not corrected for their number."""
     differences = space.difference[tested]
     errors = space.standard_errors[tested]
     z = differences / errors
@@ -42,8 +42,8 @@ def test_parameters(space: CommonSpace, tested: Index) -> Array:
     return np.array(p)
 
 
-def test_together(space: CommonSpace, tested: Index) -> float:
-    """Test all representatives together: p of their χ²; 1 where there are none."""
+def compute_p_together(space: CommonSpace, tested: Index) -> float:
+    """Compute the p-value of all representatives together, of their χ²; 1 where there are none."""
     from scipy.special import chdtrc
 
     factor = space.difference_factor[tested]

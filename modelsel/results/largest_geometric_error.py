@@ -65,7 +65,8 @@ def describe_largest_error(fit: Fit, robot: Robot) -> str | None:
     basis = _span(geometry.columns)
     within = geometry.response @ basis
     together = float(within @ within)
-    possible = _list_possible(together - explained, geometry.rank)
+    left = np.maximum(together - explained, 0.0)
+    possible = _list_possible(left, geometry.rank)
     zeros = [k for k in possible if _is_zero(geometry.terms[k], robot)]
     told, *_ = [*zeros, *possible]
     share = float(explained[told]) / max(together, TINY)

@@ -121,13 +121,14 @@ def _verdict(run: StudyRun, named: NamedErrors) -> tuple[str, ...]:
         diagnosis.nothing_else.sentence,
     )
     gained, named_sentence, remainder = sentences
-    named_sentence += _describe_geometry(run)
+    hopeless = [note.sentence for note in run.warnings if note.code == HOPELESS_FIT]
+    if not hopeless:
+        named_sentence += _describe_geometry(run)
     named_sentence += explain_unknown_gravity(run.warnings)
     named_sentence += explain_doubted_gravity(diagnosis.findings)
     if diagnosis.mistake is not None:
         named_sentence = explain_open_mistake(diagnosis.mistake)
     sentences = (gained, named_sentence, remainder)
-    hopeless = [note.sentence for note in run.warnings if note.code == HOPELESS_FIT]
     orientation = measure_orientation(run.split, nominal, models.chosen)
     registered = "its base and the target" if run.study.robot.register_ else None
     told = complete_verdict(sentences, orientation, hopeless[0] if hopeless else None, registered)

@@ -89,6 +89,17 @@ def test_what_explains_it_nearly_as_well_is_told(rng: np.random.Generator) -> No
     assert "γ3" in said
 
 
+def test_one_error_of_data_without_noise_is_all_of_it(rng: np.random.Generator) -> None:
+    robot = load_robot("irb120")
+    q = robot.draw(rng, ROWS)
+    zero = np.array([0, 2e-4, 0, 0, 0, 0])
+    at = bind(robot, build_measurements(q, flanges_of(robot, q + zero)[:, :3, 3]), (0, 0, 0))
+    said = describe_largest_error(fit(at, Model((mechanism("geometric", robot),))), robot)
+    assert said is not None
+    assert "100 %" in said
+    assert "the zero of joint 2 is off by about 0.20 mrad" in said
+
+
 def test_a_model_without_geometry_says_nothing(rng: np.random.Generator) -> None:
     robot = load_robot("irb120")
     q = robot.draw(rng, ROWS)
