@@ -34,14 +34,17 @@ def fit_arm(robot: Robot, rng: np.random.Generator, zero: np.ndarray, size: floa
         joints.append(
             replace(joint, before=joint.before @ transform(turn, rng.normal(0, size * LINK_MM, 3)))
         )
-    q = robot.draw(rng, ROWS)
-    flange = flanges_of(replace(robot, joints=tuple(joints)), q + zero)
-    x = (
-        flange[:, :3, 3]
-        + flange[:, :3, :3] @ np.array(OFF_AXIS)
-        + rng.normal(0, NOISE_MM, (ROWS, 3))
-    )
-    at = bind(robot, build_measurements(q, x))
+    arm = replace(robot, joints=tuple(joints))
+    return fit_measured(robot, arm, robot.draw(rng, ROWS), zero, rng)
+
+
+def fit_measured(
+    robot: Robot, arm: Robot, q: np.ndarray, zero: np.ndarray, rng: np.random.Generator
+) -> Fit:
+    """Fit the geometry to what a tracker that stands anywhere measures of an arm whose joints' zeros are off."""
+    flange = flanges_of(arm, q + zero)
+    x = flange[:, :3, 3] + flange[:, :3, :3] @ np.array(OFF_AXIS)
+    at = bind(robot, build_measurements(q, x + rng.normal(0, NOISE_MM, x.shape)))
     setup = build_setup(robot, 1, 1, True, False)
     return fit(at, Model((setup, mechanism("geometric", robot))))
 
@@ -76,15 +79,7 @@ def test_what_explains_it_nearly_as_well_is_told(rng: np.random.Generator) -> No
     robot = load_robot("ur10e")
     zero = np.array([0, 0, 4e-3, 0, 0, 0])
     q = np.tile(robot.draw(rng, 1), (ROWS, 1)) + rng.normal(0, 0.25, (ROWS, robot.n))
-    flange = flanges_of(robot, q + zero)
-    x = (
-        flange[:, :3, 3]
-        + flange[:, :3, :3] @ np.array(OFF_AXIS)
-        + rng.normal(0, NOISE_MM, (ROWS, 3))
-    )
-    at = bind(robot, build_measurements(q, x))
-    setup = build_setup(robot, 1, 1, True, False)
-    said = describe_largest_error(fit(at, Model((setup, mechanism("geometric", robot)))), robot)
+    said = describe_largest_error(fit_measured(robot, robot, q, zero, rng), robot)
     assert said is not None
     assert "γ3" in said
 
