@@ -4,7 +4,8 @@ that appeared, disappeared, grew.
 Two fits choose their own representatives of what the data cannot tell apart, so neither's
 parameters are compared as they stand: both are expressed in one set of representatives on common
 configurations (identifiability.Identified.relation), where the difference and its covariance are
-tested, corrected for their number (Holm 1979). What moved is then said in the fewest terms that explain it."""
+tested one by one, corrected for their number (Holm 1979), and all together. What moved is then said in
+the fewest terms that explain it."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ class CommonSpace:
     of the representatives, `relation` (p, r) from all terms to them; `placing` the terms that a new
     placement, or another target, takes up; `offsets` (targets, 3) places of the terms that move one
     of several targets that both have measured; `open_directions` (r, d): how the representatives may
-    differ because the campaigns give one motion two names, one standard deviation each.
+    differ because one campaign alone has a mechanism, or calls it so, one standard deviation each.
     """
 
     campaigns: tuple[Calibration, Calibration]

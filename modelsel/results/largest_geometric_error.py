@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .._linalg import TINY
+from .._linalg import TINY, orthonormal_basis, project_out
 from .._typing import Array, Mask
 from ..exceptions import choice_list, write_percent, write_rounded
 from ..fitting.least_squares import Fit
@@ -20,8 +20,8 @@ GEOMETRIC = "geometric"
 LEAST_RANK, LEAST_SHARE = 10, 0.75
 # odds against another error below which it may be that one
 CLEAR_ODDS = 20.0
-# share of a column's length that must be left beyond the set-up's for it to be told, and for it to be there
-LEAST_OWN, OWN_SHARE = 1e-2, 1e-6
+# share of a column's length that must be left beyond the set-up's for it to be told
+LEAST_OWN = 1e-2
 
 
 class _Geometry(NamedTuple):
@@ -62,7 +62,7 @@ def describe_largest_error(fit: Fit, robot: Robot) -> str | None:
     if geometry is None:
         return None
     explained = np.square(geometry.along)
-    basis = _span(geometry.columns)
+    basis = orthonormal_basis(geometry.columns)
     within = geometry.response @ basis
     together = float(within @ within)
     left = np.maximum(together - explained, 0.0)
@@ -108,15 +108,15 @@ def _reduce(fit: Fit) -> _Geometry | None:
     triangle = fit.reduction.R
     columns = triangle[:, :-1]
     response = triangle[:, -1] + columns @ fit.theta
-    basis = _span(columns[:, ~is_geometry])
+    basis = orthonormal_basis(columns[:, ~is_geometry])
     own = columns[:, is_geometry]
-    beyond = own - basis @ (basis.T @ own)
-    left = response - basis @ (basis.T @ response)
+    beyond = project_out(own, basis)
+    left = project_out(response, basis)
     whole = np.linalg.norm(own, axis=0)
     lengths = np.linalg.norm(beyond, axis=0)
     is_own = lengths > LEAST_OWN * whole
     seen = beyond[:, is_own]
-    rank = _span(seen).shape[1]
+    rank = orthonormal_basis(seen).shape[1]
     if rank < LEAST_RANK:
         return None
     places = np.flatnonzero(is_geometry)[is_own]
@@ -131,18 +131,6 @@ def _mark_geometry(fit: Fit) -> Mask:
         if mechanism.name != GEOMETRIC:
             others |= {term.key for term in mechanism.terms}
     return np.array([term.key not in others for term in fit.terms])
-
-
-def _span(columns: Array) -> Array:
-    """Return an orthonormal basis (k, r) of what columns (k, n) span, each counted in its own unit."""
-    lengths = np.linalg.norm(columns, axis=0)
-    is_there = lengths > 0
-    kept = columns[:, is_there]
-    scaled = kept / lengths[is_there]
-    vectors, values, _ = np.linalg.svd(scaled, full_matrices=False)
-    least = OWN_SHARE * values.max(initial=0.0)
-    spanned = values > least
-    return np.asarray(vectors[:, spanned])
 
 
 def _turns(term: Term) -> bool:

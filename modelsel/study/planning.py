@@ -369,7 +369,7 @@ def _describe_split(plan: MeasurementPlan) -> str:
     """Say how the configurations of a plan come to estimate: a study's split draws anew among more rows."""
     raised = plan.configurations + len(plan.rows)
     return (
-        "These figures hold where all of these configurations estimate. A split that is drawn, is drawn anew with "
+        "These figures hold where all of these configurations estimate. A split that is drawn is drawn anew with "
         f"more rows: set `estimation = {raised}` under [split], or say in a column which rows are held out "
         "(`split.column`)."
     )
