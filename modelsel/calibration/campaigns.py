@@ -49,6 +49,7 @@ from .target_changes import (
     build_target_groups,
     compute_target_p,
 )
+from .undeclared_payloads import select_as_by_payload
 
 MAX_DIFFERENCE = 1e-6  # mm, entries of a rotation, kg: between two nominal robots that are one
 
@@ -112,6 +113,8 @@ class Comparison:
     noise: NoiseChange | None = None
     # that chance alone gives the difference of all parameters together
     together_p: float = 1.0
+    # of the changed mechanisms, those that another payload would change as well
+    as_by_payload: tuple[MechanismChange, ...] = ()
 
     @property
     def moved(self) -> tuple[Change, ...]:
@@ -175,10 +178,11 @@ def compare_campaigns(a: Calibration, b: Calibration) -> Comparison:
     significant = together <= SIGNIFICANCE_TOGETHER or p.min(initial=1.0) <= SIGNIFICANCE
     explained, motions_of_targets = _explain(space, tested) if significant else ((), ())
     moved = {explanation.mechanism for explanation in explained}
+    mechanisms = compare_mechanisms(motions, moved)
     return Comparison(
         changes,
         explained,
-        compare_mechanisms(motions, moved),
+        mechanisms,
         tuple(term.symbol for term in space.placing),
         _find_detectable_range(space, of_arm, len(p)),
         _measure_targets(space),
@@ -189,6 +193,7 @@ def compare_campaigns(a: Calibration, b: Calibration) -> Comparison:
         float(p[-1]) if targets else 1.0,
         find_noise_change(a.floor, b.floor),
         together,
+        select_as_by_payload(mechanisms, (a, b)),
     )
 
 

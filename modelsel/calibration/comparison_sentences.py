@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from ..diagnosis.findings.sentences import format_quantity
 from ..exceptions import choice_list, count_words, sentence_list, write_rounded
+from ..mechanisms.compliance import PAYLOAD
 from .campaigns import Comparison, Explanation
 from .change_sentences import describe_change, write_p
 from .difference_tests import SIGNIFICANCE_TOGETHER
 from .known_names import Names
-from .mechanism_changes import CAMPAIGN_NAMES, DEFINITE_CHANGES
+from .mechanism_changes import CAMPAIGN_NAMES, DEFINITE_CHANGES, MechanismChange
 from .noise_changes import NoiseChange
 from .target_changes import TargetMotion
 
@@ -24,6 +26,8 @@ def describe_comparison(comparison: Comparison) -> list[str]:
     """Describe what changed and what did not, and how large a change would have been detected (with
     90 %)."""
     sentences = [describe_change(change) for change in comparison.mechanisms]
+    if comparison.as_by_payload:
+        sentences.append(_describe_payload(comparison.as_by_payload))
     sentences += map(_describe_motion, comparison.target_motions)
     sentences += map(_describe_explanation, comparison.explained_by)
     sentences.append(_summarise(comparison))
@@ -38,6 +42,18 @@ def describe_comparison(comparison: Comparison) -> list[str]:
     if comparison.left_aside:
         sentences.append(_describe_left_aside(comparison))
     return sentences
+
+
+def _describe_payload(changes: Sequence[MechanismChange]) -> str:
+    """Say what else may have changed where the arm yields otherwise to its own weight."""
+    names = sentence_list([change.name for change in changes])
+    same = "the same change"
+    if len(changes) > 1:
+        same = "the same changes"
+    return (
+        f"Another payload would make {same} of {names}, and the data do not tell the payload: make sure that "
+        f"the arm carried the same in both campaigns, or give the column {PAYLOAD}."
+    )
 
 
 def _describe_left_aside(comparison: Comparison) -> str:

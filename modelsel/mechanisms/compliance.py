@@ -43,6 +43,8 @@ NO_PART = 1e-9
 OWN_WEIGHT = {StateKind.TORQUE, StateKind.BENDING, StateKind.BASE_MOMENT}
 # kinds of what 1 kg loads
 OF_ONE_KG = {StateKind.UNIT_TORQUE, StateKind.UNIT_BENDING}
+# by which shoulder and elbow yield to the arm's weight, too
+TWISTS = ("joint2-twist", "joint3-twist", "gravity-twist")
 # the column of the payload's mass
 PAYLOAD = "payload_kg"
 # what is said of a torque of both
@@ -117,6 +119,16 @@ def needs_both_loads(mechanism: Mechanism) -> bool:
         return False
     kinds = {state_kind(name) for name in names}
     return bool(kinds & OWN_WEIGHT)
+
+
+def yields_to_weight(mechanism: Mechanism) -> bool:
+    """Return whether a mechanism is one by which the arm yields to its own weight, and to no payload."""
+    names = mechanism.names()
+    if PAYLOAD in names:
+        return False
+    kinds = {state_kind(name) for name in names}
+    by_masses = kinds & (OWN_WEIGHT | OF_ONE_KG)
+    return bool(by_masses) or mechanism.stem in TWISTS
 
 
 def has_known_masses(mechanism: Mechanism) -> bool:

@@ -15,7 +15,12 @@ import numpy as np
 
 from ..._typing import Index
 from ...mechanisms.bending import LINK_BENDING, PAYLOAD_BENDING
-from ...mechanisms.compliance import PAYLOAD_DEFLECTION, has_known_masses, needs_both_loads
+from ...mechanisms.compliance import (
+    PAYLOAD_DEFLECTION,
+    TWISTS,
+    has_known_masses,
+    needs_both_loads,
+)
 from ...mechanisms.terms import Mechanism
 from .candidate import Candidate
 
@@ -26,8 +31,6 @@ OF_PAYLOAD = {
     PAYLOAD_BENDING: LINK_BENDING,
     "payload-tilt": "base-tilt",
 }
-# by which shoulder and elbow yield to the arm's weight, too
-TWISTS = ("joint2-twist", "joint3-twist", "gravity-twist")
 
 
 class _Springs(NamedTuple):
