@@ -336,6 +336,6 @@ def _map_words(whole: ErrorMapRecord, columns: list[int]) -> str:
         if errormap.stands_out(whole, row, column)
     ]
     return (
-        f"Error map of {len(whole.places)} places by {len(columns)} causes. {len(outstanding)} cells stand out beyond "
+        f"Error map of {len(columns)} causes by {len(whole.places)} places. {len(outstanding)} cells stand out beyond "
         f"chance, among them {'; '.join(outstanding[:MAX_CELLS]) or 'none'}."
     )
