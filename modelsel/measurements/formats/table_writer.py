@@ -65,7 +65,8 @@ def write_table(frame: pd.DataFrame, suffix: str, style: TableStyle) -> bytes:
     """Write a table as the ending of its file says: as a workbook, as Parquet, else as text."""
     if suffix.lower() in PARQUET_SUFFIXES:
         numbered = {name: _settle_cells(frame[name]) for name in frame.columns}
-        return frame.assign(**numbered).to_parquet(index=False)
+        content: bytes = frame.assign(**numbered).to_parquet(index=False)
+        return content
     rows = [list(frame.columns)]
     if style.units is not None:
         rows.append([style.units.get(name, "") for name in frame.columns])
