@@ -175,7 +175,7 @@ def _write_table(
     no header, under the names of a measurements file. Raises StudyError."""
     from .._files import write_atomically
     from ..calibration.targets_form import arrange_as_targets
-    from ..measurements.formats.table_writer import TableStyle, find_table_style, write_table
+    from ..measurements.formats.table_writer import TableStyle, encode_table, find_table_style
 
     style = TableStyle()
     if file is not None:
@@ -185,7 +185,7 @@ def _write_table(
             table = arrange_as_targets(table, later.table, later.columns, prismatic, rows, forward)
         else:
             style = replace(style, units=None)
-    write_atomically(out, write_table(table, out.suffix, style))
+    write_atomically(out, encode_table(table, out.suffix, style))
 
 
 def _tabulate_real(

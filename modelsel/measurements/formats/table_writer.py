@@ -61,7 +61,7 @@ def find_table_style(file: DataFile, table: Table) -> TableStyle:
     return TableStyle(form.separator, decimal, form.encoding, units=units)
 
 
-def write_table(frame: pd.DataFrame, suffix: str, style: TableStyle) -> bytes:
+def encode_table(frame: pd.DataFrame, suffix: str, style: TableStyle) -> bytes:
     """Write a table as the ending of its file says: as a workbook, as Parquet, else as text."""
     if suffix.lower() in PARQUET_SUFFIXES:
         numbered = {name: _settle_cells(frame[name]) for name in frame.columns}
