@@ -224,7 +224,7 @@ def write_data_page(source: Source) -> list[Block]:
     workspace = source.add_figure(
         "workspace",
         partial(space.draw_workspace, details),
-        "Measured targets in the tracker's frame, with the nominal arm at one of its configurations.",
+        "Measured targets in the instrument's frame, with the nominal arm at one of its configurations.",
         "Three-dimensional scatter of the measured targets, estimation and held-out; they span "
         f"{_span(details)}.",
     )
@@ -239,7 +239,7 @@ def _write_placements(record: StudyRecord) -> list[Block]:
     if record.registration is None:
         return []
     sentences = describe_placements(record.registration)
-    return [make_heading("Where the tracker and the target stand", 2), make_list(sentences)]
+    return [make_heading("Where the instrument and the target stand", 2), make_list(sentences)]
 
 
 def _thinning_sentence(details: DetailsRecord) -> str:
