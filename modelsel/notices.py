@@ -74,7 +74,7 @@ CODES = {
     "feature-unseen": "held-out rows of a feature without estimation rows are left out",
     "part-untold": "a part of the errors that the study names is left out: these data cannot tell it",
     "kinds-alike": "rows of different kinds are weighted alike, since no uncertainty is stated",
-    "registration-weak": "the tracker's frame is known poorly from these points",
+    "registration-weak": "the instrument's frame is known poorly from these points",
     "target-weak": "a target's offset is known poorly from these configurations",
     # checking the set-up (the alarms below)
     SETUP_MISTAKE: "a simple mistake in robot, tool, joints or units explains the positions",

@@ -60,7 +60,7 @@ def _describe_left_aside(comparison: Comparison) -> str:
     """Say which motions cannot be compared, and why."""
     why = "No target was measured in both campaigns: motions that a target would also make"
     if comparison.registered_again:
-        movable = "the tracker" if comparison.targets else "the tracker or the target"
+        movable = "the instrument" if comparison.targets else "the instrument or the target"
         why = f"The set-up was registered again: motions that {movable} would also make"
     return f"{why} ({', '.join(comparison.left_aside)}) cannot be compared."
 

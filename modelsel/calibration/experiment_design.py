@@ -222,6 +222,16 @@ def compute_naming_probability(p: Pool, sets: Sequence[Rivals], rows: Sequence[i
 # ----------------------------------------------------------------------------------------------------------------
 
 
+# the indices of observability in words, all of singular values of the scaled Jacobian
+INDEX_WORDS = {
+    "o1": "all parameters together",
+    "o2": "smallest over largest singular value",
+    "o3": "least determined direction",
+    "o4": "O2 times O3",
+    "o5": "harmonic mean over all directions",
+}
+
+
 def _indices(information: Array, configurations: int) -> dict[str, Array]:
     """Criteria, larger is better, of informations (…, p, p) of unit-scaled columns: D and A as -log
     det and -log trace of the covariance; O1 … O5 from the singular values (Sun & Hollerbach 2008,

@@ -20,7 +20,7 @@ from .reregistration import register_again
 # share of the reach that a drifted arm leaves at most where rows of mistaken data are told from it
 MAX_DRIFT_SHARE = 1e-3
 REGISTER_AGAIN = (
-    "If the tracker or the target was moved, --register finds them again and keeps the arm."
+    "If the instrument or the target was moved, --register finds them again and keeps the arm."
 )
 UNKNOWN_REASON = (
     "This looks like another arm, metres called millimetres, joints whose order, zero or sense is "
@@ -70,7 +70,7 @@ def describe_wrong_setup(at: Problem, residual: Array) -> tuple[str, ...]:
         return ()
     first, rest = mistake[0], mistake[1:]
     # its figures are of another set-up than the calibrated one
-    return (f"Wherever the tracker and the target are, {first.lower()}{rest}",)
+    return (f"Wherever the instrument and the target are, {first.lower()}{rest}",)
 
 
 def describe_wrong_rows(

@@ -59,7 +59,7 @@ def _check_judgeable(at: Problem, free: Array) -> None:
     count = len(np.unique(at.data.target))
     targets = count_words(count, "target")
     raise DataError(
-        f"the file has {rows} of {targets}, which --register uses up: the places of the tracker and "
+        f"the file has {rows} of {targets}, which --register uses up: the places of the instrument and "
         "of the targets fit them exactly, and nothing is left to judge.",
         remedy="Measure more configurations, or every target in each of them.",
     )

@@ -54,7 +54,7 @@ def describe_verdict(data: Measurements, verdict: Verdict) -> list[str]:
     if verdict.moved is not None:
         shift, turn, offset = verdict.moved
         sentences.append(
-            f"Registered again: the tracker is {write_rounded(shift)} mm and {write_rounded(turn * 1e3)} mrad from where it was, and the "
+            f"Registered again: the instrument is {write_rounded(shift)} mm and {write_rounded(turn * 1e3)} mrad from where it was, and the "
             f"target moved by {write_rounded(offset)} mm on the flange; errors of the arm that move the target as these do cannot be judged."
         )
     return sentences

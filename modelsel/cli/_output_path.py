@@ -50,20 +50,21 @@ def check_output(out: Path, inputs: Iterable[Path], option: str = "--out") -> No
         raise StudyError(f"{out}: the file belongs to {owner} and would be replaced. {remedy}")
 
 
-def check_table_path(out: Path) -> None:
+def check_table_path(out: Path, *more: str) -> None:
     """Refuse the name of what is neither text nor Parquet for a table, which is written as one of
-    these. Raises StudyError."""
+    these or as what has one of `more` endings. Raises StudyError."""
     from ..measurements.formats.spreadsheet import SPREADSHEET_SUFFIXES
 
     suffix = out.suffix.lower()
-    if suffix in TABLE_ENDINGS:
+    if suffix in (*TABLE_ENDINGS, *more):
         return
     what, hint = f"as {suffix}", ""
     if suffix in SPREADSHEET_SUFFIXES:
         what, hint = f"as a spreadsheet ({suffix})", "; spreadsheet programs open CSV"
+    endings = ", ".join([".csv", *more])
     raise StudyError(
         f"{out}: a table is written as CSV or as Parquet, not {what}. "
-        f"Give a file .csv or .parquet with --out{hint}."
+        f"Give a file {endings} or .parquet with --out{hint}."
     )
 
 

@@ -23,7 +23,9 @@ if TYPE_CHECKING:
     from ..calibration.calibration import Calibration
     from ..calibration.commands_table import CarriedColumns
     from ..calibration.compensation import Commands
+    from ..measurements.formats.table import DataFile
     from ..measurements.measurements import Measurements
+    from ._later_files import LaterFiles
 
 # of an angle that is told: what is smaller is rounding
 LEAST_MRAD = 1e-6
@@ -43,7 +45,10 @@ def _check_bound(
 @click.argument("result", type=click.Path(path_type=Path))
 @click.argument("targets", type=click.Path(path_type=Path))
 @click.option(
-    "--out", type=OutputPath(dir_okay=False), required=True, help="CSV (or Parquet) file to write."
+    "--out",
+    type=OutputPath(dir_okay=False),
+    required=True,
+    help="File to write: as the targets are, .xlsx or .parquet.",
 )
 @click.option(
     "--format",
@@ -97,7 +102,6 @@ def compensate_command(
     and what the model needs; or the columns, sheet and decimal mark of the study's own file. A
     table has commands in the units in which they were given; a program
     has the units of its language, slow moves, and is called as its file is."""
-    from .._files import write_frame
     from ..calibration.commands_table import (
         build_commands_table,
         find_carried_columns,
@@ -112,7 +116,8 @@ def compensate_command(
         raise click.UsageError("--forward corrects no command: it goes with --format csv.")
     _check_out(out, form, (result, targets, *(() if log is None else (log.path,))))
     c = load_calibration(result)
-    later = load_later(c, c.form.open(targets, sheet, decimal), log, columns).matched()
+    file = c.form.open(targets, sheet, decimal)
+    later = load_later(c, file, log, columns).matched()
     held = hold_values(c, later.table, read_held_values(at))
     data = read_measurements(held, c.robot, later.columns, positions=False, once=False)
     check_values(c, data)
@@ -128,7 +133,8 @@ def compensate_command(
         table = build_commands_table(c, data, commands.q, commands.wanted, figures, carried)
         notes += later.note_own(c, data)
     if commands is None or form == "csv":
-        write_frame(table, out, "%.10g")
+        named = replace(later, table=held)
+        _write_table(c, table, None if log else file, named, data.row, out, commands is None)
     else:
         _check_commands(commands, data, skipped, written=False)
         points = list_point_names(data, carried)
@@ -149,9 +155,37 @@ def compensate_command(
 def _check_out(out: Path, form: str, inputs: Sequence[Path]) -> None:
     """Refuse an output file that would replace another, or whose ending is no table's where it is
     one. Raises StudyError."""
+    from ..measurements.formats.table_writer import WORKBOOK_SUFFIX
+
     check_output(out, inputs)
     if form == "csv":
-        check_table_path(out)
+        check_table_path(out, WORKBOOK_SUFFIX)
+
+
+def _write_table(
+    c: Calibration,
+    table: pd.DataFrame,
+    file: DataFile | None,
+    later: LaterFiles,
+    rows: NDArray[np.intp],
+    out: Path,
+    forward: bool,
+) -> None:
+    """Write a table of commands in the form of the `file` of targets; of rows that were joined, or have
+    no header, under the names of a measurements file. Raises StudyError."""
+    from .._files import write_atomically
+    from ..calibration.targets_form import arrange_as_targets
+    from ..measurements.formats.table_writer import TableStyle, encode_table, find_table_style
+
+    style = TableStyle()
+    if file is not None:
+        style = find_table_style(file, later.table)
+        if later.table.where.header and later.table.length_unit is None:
+            prismatic = c.robot.prismatic
+            table = arrange_as_targets(table, later.table, later.columns, prismatic, rows, forward)
+        else:
+            style = replace(style, units=None)
+    write_atomically(out, encode_table(table, out.suffix, style))
 
 
 def _tabulate_real(

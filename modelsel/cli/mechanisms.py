@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from ..mechanisms.terms import Mechanism
     from .plugins import Trial
 
+ANOTHER_ROBOT = "--robot NAME, or the path of a robot file"
+
 
 @click.command("mechanisms")
 @click.argument("name", required=False)
@@ -116,6 +118,7 @@ def _show(name: str | None, robot: str, as_json: bool) -> None:
     if name and not cards:
         print_prose(f"{name} does not apply to {robot}.")
     if not name:
+        print_prose(f"These are the mechanisms of {robot}; another robot's: {ANOTHER_ROBOT}.")
         absent = [stem for stem in registry if not build_mechanisms(stem, arm, registry)]
         if absent:
             print_prose(f"Not on {robot}: {', '.join(absent)}.")

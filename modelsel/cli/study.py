@@ -233,7 +233,7 @@ def _describe_dry_run(found: dict[str, Any], folder: Path, writes: tuple[str, ..
     base = ", ".join(found["base"])
     registered = ""
     if found["registered"]:
-        registered = ", tracker and target found first"
+        registered = ", instrument and target found first"
     cells = ""
     if found["cells"]:
         cells = ", and any cell of the error map"

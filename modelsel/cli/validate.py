@@ -17,7 +17,7 @@ from ._options import column_option, json_option, print_json, print_prose, table
 @click.option(
     "--register",
     is_flag=True,
-    help="The tracker or the target may have moved: find them anew, keep the arm.",
+    help="The instrument or the target may have moved: find them anew, keep the arm.",
 )
 @join_option
 @table_option

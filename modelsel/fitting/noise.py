@@ -67,7 +67,7 @@ def covariance(data: Measurements, instrument: Instrument) -> Array:
     distance = np.linalg.norm(line, axis=1)
     if not distance.all():
         raise StudyError(
-            "noise: the tracker stands on a measured point; give [noise] tracker_mm in the data's frame"
+            "noise: the instrument stands on a measured point; give [noise] tracker_mm in the data's frame"
         )
     u = line / distance[:, None]
     along = np.einsum("mi,mj->mij", u, u)

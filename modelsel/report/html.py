@@ -110,7 +110,7 @@ def _write_setup(registration: RegistrationRecord | None) -> str:
     """Write where registration found the base and the targets; nothing where the study gives them."""
     if registration is None:
         return ""
-    title = '<h2 id="setup-title">Where the tracker and the target stand</h2>'
+    title = '<h2 id="setup-title">Where the instrument and the target stand</h2>'
     sentences = "\n".join(write_paragraph(one) for one in describe_placements(registration))
     return f'<section aria-labelledby="setup-title">\n{title}\n{sentences}\n</section>\n'
 

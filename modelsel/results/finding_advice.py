@@ -56,11 +56,11 @@ class Advice(NamedTuple):
 _ANGLE = (MODEL, "correct it over the angle of {joint}; that holds until the joint is taken apart")
 _LOAD = (
     MODEL,
-    "the joint angles alone predict it, under the load that was measured; for other loads, record payload_kg and measure again",
+    "correct it over the joint angles, under the load that was measured; for other loads, record payload_kg and measure again",
 )
 _HELD = (
     MODEL,
-    "the joint angles and the payload predict it, with payload_kg in every plan that is corrected",
+    "correct it over the joint angles and the payload, with payload_kg in every plan that is corrected",
 )
 _WARM = (MODEL, "with the temperature measured along, or calibrate and work at one temperature")
 _INSTRUMENT = (
@@ -191,16 +191,13 @@ _RIVALS = (
 )
 _UNNAMED = (
     MODEL,
-    "no registered mechanism describes it; the model corrects it, but have a look at what moves",
+    "correct it by the model, but have a look at what moves: no registered mechanism describes it",
 )
-_OF_A_PLUGIN = (MODEL, "the model corrects it, but have a look at what moves")
-_CONTRARY = (
-    MODEL,
-    "the joint angles predict it, so the model corrects it; no play or spring of {joint} explains it",
-)
+_OF_A_PLUGIN = (MODEL, "correct it by the model, but have a look at what moves")
+_CONTRARY = (MODEL, "correct it over the joint angles; no play or spring of {joint} explains it")
 _CAUSE_OPEN = (
     MODEL,
-    "why it does this is not proven, so nothing is adjusted or replaced yet; the model corrects it",
+    "correct it by the model, and adjust or replace nothing yet: why it does this is not proven",
 )
 _INSPECT = (
     REPLACE,

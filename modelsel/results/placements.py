@@ -54,7 +54,7 @@ def describe_placements(registration: RegistrationRecord) -> list[str]:
 
 def _describe_base(base: BaseRecord, qualifier: str) -> str:
     return (
-        f"Base of the nominal robot (frame 0) in the tracker's frame{qualifier}: {_numbers(base.position_mm, 2)} mm, "
+        f"Base of the nominal robot (frame 0) in the instrument's frame{qualifier}: {_numbers(base.position_mm, 2)} mm, "
         f"turned by roll, pitch, yaw {_numbers(base.rpy_deg, 3)}° (fixed x, y, z)."
     )
 

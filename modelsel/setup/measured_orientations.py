@@ -34,7 +34,7 @@ MAX_ANGLE = 2.8
 # singular value per root of the rotations below which their axes are all alike
 ONE_AXIS = 1e-3
 REWEIGHTINGS = 12
-INVERTED = "inverted (the turn from target to tracker, not from tracker to target)"
+INVERTED = "inverted (the turn from target to instrument, not from instrument to target)"
 NEGATE = "give qx, qy and qz the other sign"
 # places of w x y z in the columns qw qx qy qz, what these hold, and what to call them
 ORDERS = (((3, 0, 1, 2), "x, y, z, w", "qx qy qz qw"), ((1, 2, 3, 0), "z, w, x, y", "qz qw qx qy"))

@@ -57,7 +57,7 @@ MAX_REGISTERED = 8
 NEAR_SCALE = 0.1
 
 REGISTRATION = (
-    "the tracker's frame and the target on the flange are found ([robot] register = true), and "
+    "the instrument's frame and the target on the flange are found ([robot] register = true), and "
 )
 
 

@@ -129,7 +129,7 @@ def describe_other_robot(
     improvement = describe_improvement(before, after)
     return (
         f"The readings fit {fit} {improvement} than {than} "
-        f"({write_rounded(after, 2)} mm instead of {write_rounded(before)} mm, median, tracker and target found for each): "
+        f"({write_rounded(after, 2)} mm instead of {write_rounded(before)} mm, median, instrument and target found for each): "
         f"{remedy}."
     )
 

@@ -233,7 +233,7 @@ def _describe_shape(sight: Sight, at: Placed, g: int) -> str:
 def _note_weak_turn(sight: Sight, at: Placed, g: int, turn: float, name: str) -> Note:
     return Note(
         "registration-weak",
-        f"The orientation of the tracker is known to {np.degrees(turn):.2g} degrees only (one "
+        f"The orientation of the instrument is known to {np.degrees(turn):.2g} degrees only (one "
         f"standard deviation, {name}): {_describe_shape(sight, at, g)}. {SPREAD_ADVICE}.",
     )
 
@@ -266,7 +266,7 @@ def _require_known_turns(
         known = "not at all"
     verb = "determines" if per_group else "determine"
     raise NotEstimable(
-        f"registration: {name} {verb} the orientation of the tracker {known}: "
+        f"registration: {name} {verb} the orientation of the instrument {known}: "
         f"{_describe_shape(part.sight, at, k)}. {SPREAD_ADVICE}, give tool_mm, or convert the "
         "positions to the robot's base and leave register out."
     )

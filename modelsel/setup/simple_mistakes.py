@@ -91,7 +91,7 @@ class Mistake:
 NOTHING = Mistake("", "", np.eye(0), np.zeros(0), np.eye(3))
 REGISTER = replace(
     NOTHING,
-    words="the tracker's frame and the target on the flange are found",
+    words="the instrument's frame and the target on the flange are found",
     look="[robot] register = true",
 )
 

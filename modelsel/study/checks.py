@@ -361,11 +361,11 @@ def _list_reasons(notes: Sequence[Note], register: Register, groups: int) -> str
         topics = list(dict.fromkeys(topics))
         return f"Likeliest reason: what the warnings say about {sentence_list(topics)}"
     if not register:
-        frame = "a tracker's frame that is not the robot's base ([robot] register = true)"
+        frame = "an instrument's frame that is not the robot's base ([robot] register = true)"
     elif register != "per group" and groups > 1:
-        frame = 'a tracker moved between groups (register = "per group")'
+        frame = 'an instrument moved between groups (register = "per group")'
     else:
-        frame = "a tracker or target moved during the campaign"
+        frame = "an instrument or target moved during the campaign"
     return (
         f"Likeliest reasons: the wrong robot file; positions that belong to other readings; {frame}"
     )

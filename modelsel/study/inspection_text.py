@@ -142,7 +142,7 @@ def _format_geometry(inspection: dict[str, Any]) -> list[str]:
 
 def _format_registration(registered: dict[str, Any]) -> list[str]:
     line = (
-        f"Registered (tracker's frame and target found): {write_rounded(registered['median_mm'])} mm from the "
+        f"Registered (instrument's frame and target found): {write_rounded(registered['median_mm'])} mm from the "
         "nominal robot (median)"
     )
     placements = RegistrationRecord.model_validate(registered)
@@ -155,9 +155,9 @@ def _format_study(described: dict[str, Any]) -> list[str]:
     refused = described["refused"]
     if refused is not None:
         return [f"`modelsel study` refuses this study: {sentence}" for sentence in refused]
-    way = "Tool and tracker's frame as the study states them"
+    way = "Tool and instrument's frame as the study states them"
     if described["registered"]:
-        way = "Registered as the study does (tracker's frame and target found)"
+        way = "Registered as the study does (instrument's frame and target found)"
     distance = write_rounded(described["median_mm"])
     line = f"{way}: {distance} mm from the nominal robot (median)"
     placements = RegistrationRecord(

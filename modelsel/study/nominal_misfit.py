@@ -53,7 +53,7 @@ def describe_misfit(robot: Robot, data: Measurements) -> list[str]:
     misfit = measure_misfit(robot, data)
     if misfit is None or not np.isfinite(misfit):
         return [_say_why_untried(data)]
-    said = f"Tracker and target found from the rows, the nominal arm fits to {write_rounded(misfit)} mm"
+    said = f"Instrument and target found from the rows, the nominal arm fits to {write_rounded(misfit)} mm"
     if misfit < MIN_MISFIT_MM:
         said += " (median): no arm is measured so well. These positions look computed, by the "
         return [said + "controller or a simulation; a calibration needs measured ones."]
@@ -85,7 +85,7 @@ def _say_why_untried(data: Measurements) -> str:
     which = f"joint {listed} moves" if len(moving) == 1 else f"joints {listed} move"
     return (
         f"The nominal arm cannot be tried on these configurations: only {which}, which does not tell "
-        "where tracker and target are."
+        "where instrument and target are."
     )
 
 

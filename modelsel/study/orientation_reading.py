@@ -40,7 +40,7 @@ def settle_orientation(
         turn = f"by {np.degrees(best):.3g}° (median)" if np.isfinite(best) else "altogether"
         return replace(choice, readings=()), (
             f"Orientations are left out: read as {shown}, the likeliest way, they miss the nominal "
-            f"arm's {turn}. Measured ones are in the tracker's frame; a controller's own are not."
+            f"arm's {turn}. Measured ones are in the instrument's frame; a controller's own are not."
         )
     good = [k for k in order if angles[k] <= max(CLEAR_FACTOR * best, 1e-9)]
     kept = [_explain(choice.readings[k], angles[k]) for k in good]
@@ -63,8 +63,8 @@ def _describe_inverted(
     degrees = np.degrees(angles[best])
     return (
         f"Orientations are left out: read as {shown}, they are the nominal arm's inverted (to "
-        f"{degrees:.2g}°, median), the tracker's as the target sees it. Export the target's in the "
-        "tracker's frame."
+        f"{degrees:.2g}°, median), the instrument's as the target sees it. Export the target's in the "
+        "instrument's frame."
     )
 
 

@@ -61,7 +61,7 @@ def describe_quaternions(table: Table, data: Measurements) -> list[str]:
     if data.rotation is None or not has_quaternions:
         return []
     listed = " ".join(QUATERNION_COLUMNS)
-    return [f"The orientation: {listed}, unit quaternions of the target in the tracker's frame."]
+    return [f"The orientation: {listed}, unit quaternions of the target in the instrument's frame."]
 
 
 def describe_other_columns(

@@ -15,6 +15,7 @@ from .._typing import Array
 from .._workers import steady_arithmetic
 from ..calibration.calibration import Calibration
 from ..calibration.experiment_design import (
+    INDEX_WORDS,
     Rivals,
     choose_for_parameters,
     choose_for_rivals,
@@ -381,10 +382,10 @@ def _format_indices(plan: MeasurementPlan) -> str:
         if not name.startswith("o"):
             continue
         change = f"{_write_index(before)} -> {_write_index(after)}"
-        observability.append(f"{name.upper()} {change}")
+        observability.append(f"{name.upper()} ({INDEX_WORDS[name]}) {change}")
     before, after = plan.indices["d"]
     return (
-        "Observability of the model's parameters, before and after: "
+        "Observability of the model's parameters, before and after, larger is better: "
         f"{', '.join(observability)}; ln det of the information {before:.1f} -> {after:.1f}."
     )
 

@@ -191,7 +191,7 @@ def _explain_implausible(study: Study, problem: Problem, setup_notes: Sequence[N
         lengths = np.linalg.norm(positions, axis=1)
         if np.nanmedian(lengths) < METRES * problem.reach_mm:
             return "The coordinates look like metres: name them x_m y_m z_m."
-    frame = "a tracker frame that is not the robot's base ([robot] register = true finds it), "
+    frame = "an instrument frame that is not the robot's base ([robot] register = true finds it), "
     if study.robot.register_:
         frame = ""
     return (

@@ -227,7 +227,7 @@ def check_features_in_one_group(data: Measurements) -> None:
         if len(np.unique(groups)) > 1:
             raise StudyError(
                 f'robot.register = "per group": feature "{feature.name}" is in several groups, '
-                "whose trackers are at different places; give it a name in each."
+                "whose instruments are at different places; give it a name in each."
             )
 
 

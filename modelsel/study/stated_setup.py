@@ -59,7 +59,7 @@ class StatedSetup:
 
     def format_lines(self) -> list[str]:
         """Write the lines of the study's table [robot]."""
-        lines = ["register = true  # tracker frame and target are found from the measurements"]
+        lines = ["register = true  # instrument frame and target are found from the measurements"]
         note = "  # a first guess: it is found from the measurements"
         if self.aligned:
             lines = ["register = false  # positions are in the robot's base frame"]

@@ -112,6 +112,6 @@ def _describe_groups(data: Measurements, told: bool) -> str:
     if told:
         return f"What the rows of one group share: told by {groups:,} groups."
     return (
-        f"What the rows of one group share (a day, a place of the tracker): it takes {MIN_GROUPS} "
+        f"What the rows of one group share (a day, a place of the instrument): it takes {MIN_GROUPS} "
         f"groups of 2 to {MAX_BLOCK} rows; the file has {groups:,}."
     )

@@ -366,7 +366,7 @@ def test_data_that_cannot_be_of_the_arm_are_refused(rng) -> None:
     figures = r"\([\d.]+ mm instead of [\d,]+ mm, median\)"
     said = {
         False: rf"40 rows are in metres, not millimetres .* {figures}",
-        True: "Wherever the tracker and the target are, the positions fit "
+        True: "Wherever the instrument and the target are, the positions fit "
         rf".* {figures} .* are (in )?metres",
     }
     for free_setup in (False, True):

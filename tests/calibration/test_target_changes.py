@@ -320,7 +320,7 @@ def test_one_target_alone_is_compared_as_before(rng) -> None:
     assert found.targets == ()
     assert [one.symbol for one in found.explained_by] == ["a7"]
     anew = compared(rng, before, before.moved(np.array([[0.3, 0, 0]])), registered=True)
-    assert "the tracker or the target would also make (a7" in describe_comparison(anew)[-1]
+    assert "the instrument or the target would also make (a7" in describe_comparison(anew)[-1]
 
 
 def test_exchanged_names_are_two_targets_that_moved(rng) -> None:
@@ -341,7 +341,7 @@ def test_what_moved_is_said(rng) -> None:
     assert "and the places of 3 targets tested, p" in nothing[0]
     assert nothing[0].endswith(" mm on.")
     assert "A target that moved on the flange would have been told from 0.0" in nothing[0]
-    assert "motions that the tracker would also make (a1, b1, c1, α1" in nothing[1]
+    assert "motions that the instrument would also make (a1, b1, c1, α1" in nothing[1]
     one = compared(rng, before, before.moved(only(0, np.array([0, 0.5, 0]), 3)))
     said = describe_comparison(one)
     assert said[0].startswith('The target "ball1" moved on the flange by 0.')

@@ -161,3 +161,8 @@ def test_columns_of_other_names(tmp_path) -> None:
     assert CliRunner().invoke(run_command_line, [*words, "--column", f"{name}=J1"]).exit_code == 0
     wrong = CliRunner().invoke(run_command_line, [*words, "--column", "J1"])
     assert (wrong.exit_code, "is not NAME=COLUMN" in wrong.stderr) == (2, True)
+
+
+def test_mechanisms_say_whose_they_are() -> None:
+    said = " ".join(invoked("mechanisms", "--robot", "ur10e").split())
+    assert "These are the mechanisms of ur10e; another robot's: --robot NAME" in said

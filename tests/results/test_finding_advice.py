@@ -39,6 +39,15 @@ def test_every_mechanism_has_advice_that_names_no_part() -> None:
         assert not [part for part in mechanism.usual_causes if part in how]
 
 
+def test_what_is_to_be_modelled_asks_something_of_the_reader() -> None:
+    """A verb, or what to model it with; no statement about the model."""
+    chosen = [*finding_advice.BY_STEM.values(), *vars(finding_advice).values()]
+    pairs = [one for one in chosen if isinstance(one, tuple) and len(one) == 2]
+    told = {how for action, how in pairs if action == "Model"}
+    assert len(told) > 7
+    assert {how.split()[0] for how in told} <= {"correct", "with", "each"}
+
+
 @pytest.mark.parametrize(
     ("change", "action"),
     [

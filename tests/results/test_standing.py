@@ -66,7 +66,7 @@ def test_registered_once(rng, tmp_path) -> None:
     assert target.position_mm == pytest.approx(TOOL, abs=0.1)
     words = describe_placements(placed)
     assert re.fullmatch(
-        r"Base of the nominal robot \(frame 0\) in the tracker's frame: [\d.]+, -[\d.]+, [\d.]+ mm, turned by "
+        r"Base of the nominal robot \(frame 0\) in the instrument's frame: [\d.]+, -[\d.]+, [\d.]+ mm, turned by "
         r"roll, pitch, yaw 17\.\d+, -28\.\d+, 114\.\d+° \(fixed x, y, z\)\.",
         words[0],
     )
@@ -79,7 +79,7 @@ def test_registered_once(rng, tmp_path) -> None:
     assert [use_minus(one) for one in words] in items
     result.report(tmp_path)
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert "Where the tracker and the target stand</h2>" in page
+    assert "Where the instrument and the target stand</h2>" in page
     assert "turned by roll, pitch, yaw 17." in page
 
 
@@ -89,7 +89,7 @@ def test_registered_per_group(rng) -> None:
     assert [base.group for base in placed.base_in_tracker] == ["a", "b"]
     for base in placed.base_in_tracker:
         near(base, base.group)
-    assert "in the tracker's frame (b): 100." in " ".join(describe_placements(placed))
+    assert "in the instrument's frame (b): 100." in " ".join(describe_placements(placed))
 
 
 @pytest.mark.slow

@@ -358,7 +358,7 @@ def turned(rng: np.random.Generator, m: int = 60, registered: bool = True) -> pd
 
 
 ORIENTATIONS = {
-    "inverse": (lambda d: d.assign(qw=-d.qw), "inverted (the turn from target to tracker"),
+    "inverse": (lambda d: d.assign(qw=-d.qw), "inverted (the turn from target to instrument"),
     "xyzw": (
         lambda d: d.rename(columns={"qx": "qw", "qy": "qx", "qz": "qy", "qw": "qz"}),
         "qw qx qy qz hold x, y, z, w",
@@ -516,7 +516,7 @@ def test_a_fit_without_hope_says_so_first(rng, tmp_path) -> None:
     )
     assert "of the length of the arm's links and target in all" in first
     assert (
-        "Likeliest reasons: the wrong robot file; positions that belong to other readings; a tracker or target moved"
+        "Likeliest reasons: the wrong robot file; positions that belong to other readings; an instrument or target moved"
         in first
     )
     assert sum(first in line for line in terminal_lines(result.record, result.details)) == 1

@@ -147,7 +147,7 @@ def test_rows_along_a_line_are_refused_in_words(turned, error, rng) -> None:
     data, _ = site(rng, robot, along_a_line(rng, robot, turned, 0.0), error=error)
     with pytest.raises(
         NotEstimable,
-        match=r"the data determines? the orientation of the tracker .*: the points lie along a line.*tool_mm",
+        match=r"the data determines? the orientation of the instrument .*: the points lie along a line.*tool_mm",
     ):
         prepare(study_with((0, 0, 100), register=True), robot, data)
 

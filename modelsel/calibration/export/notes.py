@@ -40,7 +40,7 @@ def list_notes(c: Calibration, what: str, geometry: bool) -> tuple[str, ...]:
     out += _describe_moves(c, what)
     group = find_group(c)
     if group is not None:
-        out.append(f'the placement of the tracker is that of group "{group}"')
+        out.append(f'the placement of the instrument is that of group "{group}"')
     return tuple(out)
 
 

@@ -116,6 +116,12 @@ def load_text_table(path: Path, decimal: str | None = None, headerless: bool = F
     return grid
 
 
+def find_text_style(path: Path, decimal: str | None, headerless: bool) -> tuple[TextFormat, str]:
+    """Find how a text table is written, and its decimal mark. Raises DataError."""
+    reading = _prepare_reading(path, decimal, headerless)
+    return reading.form, reading.decimal
+
+
 def _refuse_doubtful_comments(reading: _Reading, columns: Sequence[NDArray[Any]]) -> None:
     """Refuse a comment that may be a row of measurements whose name begins with the mark: as wide
     as the others, with numbers, where the other rows begin with a name."""

@@ -73,12 +73,12 @@ def _causes_by_place(entry: EntryRecord) -> dict[str, list[str]]:
 
 
 def draw_error_map(record: StudyRecord) -> bytes:
-    """Draw the strongest causes against all places."""
+    """Draw the strongest causes, a row each, against all places, as the page to explore does."""
     whole, columns = record.error_map, select_causes(record)
     f = _to_array(whole.f)[:, columns]
     p = _to_array(whole.p_family_wise)[:, columns]
     with use_style() as sheets:
-        height = max(0.146 * len(f) + 1.5, 2.8)
+        height = max(0.146 * len(columns) + 1.5, 2.8)
         fig, ax = sheets.subplots(figsize=(WIDTH, height), layout="constrained")
         mesh = _draw_shades(ax, f)
         _mark_outstanding(ax, f, p)
@@ -90,10 +90,10 @@ def draw_error_map(record: StudyRecord) -> bytes:
 
 def _draw_shades(ax: Any, f: Array) -> Any:
     """Draw every cell, darker the more it alone would explain."""
-    shade = np.log10(np.maximum(f, 1.0))
+    shade = np.log10(np.maximum(f.T, 1.0))
     return ax.pcolormesh(
-        np.arange(f.shape[1] + 1) - 0.5,
         np.arange(f.shape[0] + 1) - 0.5,
+        np.arange(f.shape[1] + 1) - 0.5,
         np.ma.masked_invalid(shade),
         cmap="Greys",
         vmin=0,
@@ -104,14 +104,14 @@ def _draw_shades(ax: Any, f: Array) -> Any:
 
 
 def _mark_outstanding(ax: Any, f: Array, p: Array) -> None:
-    """Mark what explains more than chance, and ring the strongest of each column."""
+    """Mark what explains more than chance, and ring the strongest of each cause."""
     is_outstanding = (p < STANDS_OUT_P) & np.isfinite(f)
     strongest = np.where(np.isnan(f), -np.inf, f).max(axis=0)
     is_strong = is_outstanding & (f >= MIN_RINGED_SHARE * strongest)
     row, column = np.nonzero(is_outstanding)
-    ax.plot(column, row, ".", ms=2.6, color=RING, mew=0)
+    ax.plot(row, column, ".", ms=2.6, color=RING, mew=0)
     row, column = np.nonzero(is_strong)
-    ax.plot(column, row, "o", ms=7, mfc="none", mec=RING, mew=1.2)
+    ax.plot(row, column, "o", ms=7, mfc="none", mec=RING, mew=1.2)
 
 
 def _mark_named(ax: Any, record: StudyRecord, columns: Sequence[int]) -> None:
@@ -120,26 +120,24 @@ def _mark_named(ax: Any, record: StudyRecord, columns: Sequence[int]) -> None:
     rows = [row for row, _ in cells]
     places = [columns.index(column) for _, column in cells]
     if cells:
-        ax.plot(places, rows, "s", ms=9, mfc="none", mec="white", mew=3)
-        ax.plot(places, rows, "s", ms=9, mfc="none", mec=INK, mew=1.4)
+        ax.plot(rows, places, "s", ms=9, mfc="none", mec="white", mew=3)
+        ax.plot(rows, places, "s", ms=9, mfc="none", mec=INK, mew=1.4)
 
 
 def _label_axes(ax: Any, whole: ErrorMapRecord, columns: Sequence[int]) -> None:
     """Name places and causes, and part the frames by lines."""
-    rows = len(whole.places)
-    ax.set_ylim(rows - 0.5, -0.5)
+    count = len(whole.places)
+    ax.set_ylim(len(columns) - 0.5, -0.5)
     causes = [shorten(round_numbers(whole.causes[column]), LONGEST_CAUSE) for column in columns]
-    ax.set_xticks(
-        range(len(columns)), causes, rotation=60, ha="left", rotation_mode="anchor", fontsize=6.5
-    )
-    ax.xaxis.tick_top()
+    ax.set_yticks(range(len(columns)), causes, fontsize=6.5)
     places = [f"frame {name}" for name in whole.places]
-    ax.set_yticks(range(rows), places, fontsize=6)
+    ax.set_xticks(range(count), places, rotation=90, fontsize=6)
+    ax.xaxis.tick_top()
     ax.tick_params(length=0, colors=INK)
     frames = [name.split()[0] for name in whole.places]
-    for row in range(1, rows):
-        if frames[row] != frames[row - 1]:
-            ax.axhline(row - 0.5, color=QUIET, lw=0.7, zorder=3)
+    for place in range(1, count):
+        if frames[place] != frames[place - 1]:
+            ax.axvline(place - 0.5, color=QUIET, lw=0.7, zorder=3)
     ax.spines[:].set_visible(False)
 
 

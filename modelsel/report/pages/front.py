@@ -224,7 +224,7 @@ def write_data_page(source: Source) -> list[Block]:
     workspace = source.add_figure(
         "workspace",
         partial(space.draw_workspace, details),
-        "Measured targets in the tracker's frame, with the nominal arm at one of its configurations.",
+        "Measured targets in the instrument's frame, with the nominal arm at one of its configurations.",
         "Three-dimensional scatter of the measured targets, estimation and held-out; they span "
         f"{_span(details)}.",
     )
@@ -239,7 +239,7 @@ def _write_placements(record: StudyRecord) -> list[Block]:
     if record.registration is None:
         return []
     sentences = describe_placements(record.registration)
-    return [make_heading("Where the tracker and the target stand", 2), make_list(sentences)]
+    return [make_heading("Where the instrument and the target stand", 2), make_list(sentences)]
 
 
 def _thinning_sentence(details: DetailsRecord) -> str:
@@ -336,6 +336,6 @@ def _map_words(whole: ErrorMapRecord, columns: list[int]) -> str:
         if errormap.stands_out(whole, row, column)
     ]
     return (
-        f"Error map of {len(whole.places)} places by {len(columns)} causes. {len(outstanding)} cells stand out beyond "
+        f"Error map of {len(columns)} causes by {len(whole.places)} places. {len(outstanding)} cells stand out beyond "
         f"chance, among them {'; '.join(outstanding[:MAX_CELLS]) or 'none'}."
     )

@@ -107,7 +107,7 @@ def _write_panels(source: Source) -> list[Block]:
     drivers = list_drivers(details)
     if not drivers:
         return []
-    caption = "Residuals of the chosen model along x, y and z of the tracker's frame; dots: single rows, outliers left out."
+    caption = "Residuals of the chosen model along x, y and z of the instrument's frame; dots: single rows, outliers left out."
     names = ", ".join(driver.name for driver in drivers)
     draw = partial(draw_residuals, details, drivers)
     words = f"Residuals of the chosen model with their means in small panels, against {names}."
