@@ -15,12 +15,7 @@ import numpy as np
 
 from ..._typing import Index
 from ...mechanisms.bending import LINK_BENDING, PAYLOAD_BENDING
-from ...mechanisms.compliance import (
-    PAYLOAD_DEFLECTION,
-    TWISTS,
-    has_known_masses,
-    needs_both_loads,
-)
+from ...mechanisms.compliance import PAYLOAD_DEFLECTION, TWISTS, has_known_masses, needs_both_loads
 from ...mechanisms.terms import Mechanism
 from .candidate import Candidate
 

@@ -4,13 +4,12 @@ decimal mark and encoding, as a workbook, or as Parquet."""
 from __future__ import annotations
 
 import csv
+import datetime as dt
 import io
 import math
-import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
-from xml.sax.saxutils import escape, quoteattr
 
 from ..._names import guard_cell
 from .number_format import PLAIN
@@ -25,13 +24,9 @@ if TYPE_CHECKING:
 WORKBOOK_SUFFIX = ".xlsx"
 DIGITS = "%.10g"
 FALLBACK_ENCODING = "utf-8-sig"  # of a text that the encoding of the other file cannot hold
-# when a file of a workbook was made, which is told in no cell: the earliest moment that zip knows
-LONG_AGO = (1980, 1, 1, 0, 0, 0)
-SPREADSHEET_ML = "http://schemas.openxmlformats.org/spreadsheetml/2006/main"
-RELATIONSHIPS = "http://schemas.openxmlformats.org/package/2006/relationships"
-OFFICE = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
-CONTENT = "application/vnd.openxmlformats-officedocument.spreadsheetml"
-DECLARATION = '<?xml version="1.0" encoding="UTF-8" standalone="yes"?>\n'
+# when a workbook was made, which is told in no cell: the same for all, the earliest moment that zip knows
+LONG_AGO = dt.datetime(1980, 1, 1, tzinfo=dt.UTC)
+AS_TEXT = {"strings_to_formulas": False, "strings_to_urls": False, "in_memory": True}
 
 
 @dataclass(frozen=True)
@@ -139,69 +134,23 @@ def _write_cell(cell: Any, decimal: str) -> str:
 
 
 def _write_workbook(rows: Sequence[Sequence[Any]], sheet: str) -> bytes:
-    """Write a workbook of one sheet, in the least that Office Open XML asks for; text is in its
-    cells, and none of it is a formula."""
-    lines = [_write_sheet_row(number, row) for number, row in enumerate(rows, 1)]
-    part = "worksheets/sheet1.xml"
-    files = {
-        "[Content_Types].xml": (
-            '<Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types">'
-            '<Default Extension="rels" '
-            'ContentType="application/vnd.openxmlformats-package.relationships+xml"/>'
-            f'<Override PartName="/xl/workbook.xml" ContentType="{CONTENT}.sheet.main+xml"/>'
-            f'<Override PartName="/xl/{part}" ContentType="{CONTENT}.worksheet+xml"/></Types>'
-        ),
-        "_rels/.rels": _write_relation("officeDocument", "xl/workbook.xml"),
-        "xl/workbook.xml": (
-            f'<workbook xmlns="{SPREADSHEET_ML}" xmlns:r="{OFFICE}"><sheets>'
-            f'<sheet name={quoteattr(sheet)} sheetId="1" r:id="rId1"/></sheets></workbook>'
-        ),
-        "xl/_rels/workbook.xml.rels": _write_relation("worksheet", part),
-        f"xl/{part}": (
-            f'<worksheet xmlns="{SPREADSHEET_ML}"><sheetData>{"".join(lines)}</sheetData></worksheet>'
-        ),
-    }
+    """Write a workbook of one sheet, the same bytes whenever it is written; text stays text, and
+    none of it is a formula or a link."""
+    import xlsxwriter
+
     out = io.BytesIO()
-    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as book:
-        for name, text in files.items():
-            entry = zipfile.ZipInfo(name, LONG_AGO)
-            entry.compress_type = zipfile.ZIP_DEFLATED
-            book.writestr(entry, DECLARATION + text)
+    with xlsxwriter.Workbook(out, AS_TEXT) as book:
+        book.set_properties({"created": LONG_AGO})
+        page = book.add_worksheet(sheet)
+        for number, row in enumerate(rows):
+            for k, cell in enumerate(row):
+                _write_sheet_cell(page, number, k, cell)
     return out.getvalue()
 
 
-def _write_relation(kind: str, target: str) -> str:
-    return (
-        f'<Relationships xmlns="{RELATIONSHIPS}">'
-        f'<Relationship Id="rId1" Type="{OFFICE}/{kind}" Target="{target}"/></Relationships>'
-    )
-
-
-def _write_sheet_row(number: int, row: Sequence[Any]) -> str:
-    cells = []
-    for k, cell in enumerate(row):
-        place = f"{_name_column(k)}{number}"
-        value = _read_number(cell)
-        if isinstance(value, float):
-            cells.append(f'<c r="{place}"><v>{DIGITS % value}</v></c>')
-        elif value is not None:
-            text = escape("".join(filter(_is_xml, str(value))))
-            cells.append(
-                f'<c r="{place}" t="inlineStr"><is><t xml:space="preserve">{text}</t></is></c>'
-            )
-    return f'<row r="{number}">{"".join(cells)}</row>'
-
-
-def _name_column(k: int) -> str:
-    """Name a column of a sheet, counted from 0: A, B … Z, AA …"""
-    name = ""
-    k += 1
-    while k:
-        k, letter = divmod(k - 1, 26)
-        name = chr(ord("A") + letter) + name
-    return name
-
-
-def _is_xml(letter: str) -> bool:
-    """Whether a character may stand in XML."""
-    return letter in "\t\n\r" or " " <= letter <= "\ud7ff" or "\ue000" <= letter != "\ufffe"
+def _write_sheet_cell(page: Any, number: int, k: int, cell: Any) -> None:
+    value = _read_number(cell)
+    if isinstance(value, float):
+        page.write_number(number, k, float(DIGITS % value))
+    elif value is not None:
+        page.write_string(number, k, str(value))
