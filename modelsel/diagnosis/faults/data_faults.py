@@ -18,6 +18,7 @@ from ...fitting.problem import Problem
 from ...mechanisms.terms import Mechanism
 from ..candidates.fault_kinds import FaultKind, find_fault_kind
 from ..inference.simulation_counts import FAULT_DRAWS
+from .exchanged_rows import MOST_ROWS, match_rows
 from .outliers import MATCH_THRESHOLD, estimate_scale
 
 # largest p-value, and least posterior probability, at which a fault is reported
@@ -27,8 +28,6 @@ MIN_PROBABILITY = 0.95
 TAIL_FREEDOM = 4
 # rows one after the other whose positions belong equally far along, from which they are shifted
 MIN_SHIFTED = 3
-# outlying rows beyond which every position has a reading that it fits
-MAX_OUTLIERS = 1000
 
 
 # what a fault of exchanged rows says
@@ -121,7 +120,7 @@ def _collect_outlying(problem: Problem, outlying: Mask, fitted: Fit) -> _Outlyin
     if gauges is not None:
         is_point = gauges.of("point")
     index = np.flatnonzero(outlying & is_point)
-    if not 2 <= len(index) <= MAX_OUTLIERS:
+    if not 2 <= len(index) <= MOST_ROWS:
         return None
     residual = fitted.residuals(problem)[:, :3]
     regular = residual[~outlying & is_point]
@@ -130,7 +129,7 @@ def _collect_outlying(problem: Problem, outlying: Mask, fitted: Fit) -> _Outlyin
     near = MATCH_THRESHOLD * scale
     measured = problem.data.position[index]
     predicted = measured - residual[index]
-    partner, fits = _match(measured, predicted, near)
+    partner, fits = match_rows(measured, predicted, near)
     return _Outlying(
         index=index,
         measured=measured,
@@ -142,24 +141,13 @@ def _collect_outlying(problem: Problem, outlying: Mask, fitted: Fit) -> _Outlyin
     )
 
 
-def _match(measured: Array, predicted: Array, near: float) -> tuple[Index, Mask]:
-    """Find for every position (k, 3) the other row with the nearest prediction.
-
-    Returns those rows (k,), and whether (k,) the prediction is within `near` [mm]."""
-    distance = np.linalg.norm(measured[:, None] - predicted[None], axis=2)
-    np.fill_diagonal(distance, np.inf)
-    partner = distance.argmin(1)
-    apart = np.linalg.norm(measured - predicted[partner], axis=1)
-    return np.asarray(partner, dtype=np.intp), np.asarray(apart < near)
-
-
 def _compute_chance(rows: _Outlying, rng: np.random.Generator) -> float:
     """Compute how often residuals of the same lengths in random directions fit as many rows."""
     direction = rng.standard_normal((FAULT_DRAWS, len(rows.index), 3))
     direction /= np.linalg.norm(direction, axis=2, keepdims=True)
     near, predicted = MATCH_THRESHOLD * rows.scale, rows.predicted
     drawn = predicted + direction * rows.size[:, None]
-    matches = np.array([_match(one, predicted, near)[1].sum() for one in drawn])
+    matches = np.array([match_rows(one, predicted, near)[1].sum() for one in drawn])
     return float((1 + (matches >= rows.fits.sum()).sum()) / (FAULT_DRAWS + 1))
 
 

@@ -1,5 +1,5 @@
 """Mistaken rows: rows far off that a simple slip explains, such as other units, a wrong sign, two
-exchanged axes, or the position of the row before."""
+exchanged axes, each other's positions, or the position of the row before."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from ...measurements.measurements import Measurements
 from ...setup.improvement import BAD_SHARE, MIN_IMPROVEMENT, describe_improvement
 from ...setup.registration import register
 from ...setup.simple_mistakes import DEGREE, SCALES, list_axis_changes
+from .exchanged_rows import put_back_exchanged
 from .outliers import MATCH_THRESHOLD, compute_lengths, estimate_scale
 
 # how many times farther off than where it fits a corrected row must have been: chance does not come
@@ -123,6 +124,23 @@ def _build_stale(problem: Problem, rows: Mask) -> Slip:
     )
 
 
+def _build_exchanged(selected: Problem, left: Array, is_open: Mask, near: float) -> Slip:
+    """Build the slip of positions that stand in each other's place, among open rows (mask) of some:
+    `left` (m, c) is what these leave, `near` [mm] how near a position is that belongs to a row."""
+    data = selected.data
+    places = np.flatnonzero(is_open)
+    position = data.position[places]
+    predicted = position - left[places, :3]
+    corrected = data.position.copy()
+    corrected[places] = put_back_exchanged(position, predicted, near)
+    return Slip(
+        words="given with each other's positions",
+        remedy="put every position beside its own readings",
+        q=data.q,
+        position=corrected,
+    )
+
+
 def _find_rows_before(data: Measurements) -> Index:
     """Find of every row (m,) the one of its group and target that was measured before it; itself
     where it is the first."""
@@ -185,8 +203,9 @@ def explain_rows(
     is_told = np.zeros(len(before), bool)
     places = np.flatnonzero(suspected)
     found = []
+    exchanged = _build_exchanged(selected, left_selected, is_open, near)
     stale = _build_stale(problem, suspected)
-    for slip in (*_generate_slips(selected), stale):
+    for slip in (*_generate_slips(selected), exchanged, stale):
         corrected = slip.correct(selected)
         after = compute_lengths(left(corrected))
         is_near = after < near
