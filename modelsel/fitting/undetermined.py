@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -17,10 +18,35 @@ MIN_SHARE = 1e-4  # of a column: a smaller part of its combination is not named
 
 @dataclass(frozen=True)
 class Unidentifiable:
-    """A combination of parameters that the data cannot tell, in words."""
+    """A combination of parameters that the data cannot tell, in words.
+
+    combinations: how many combinations of the parameters are determined; None where they are not entangled.
+    at_zero: those of entangled ones that are kept at zero."""
 
     sentence: str
     parameters: tuple[str, ...]
+    combinations: int | None = None
+    at_zero: tuple[str, ...] = ()
+
+
+class Undetermined(Protocol):
+    """What `Unidentifiable` has, as computed or as read from a file."""
+
+    @property
+    def sentence(self) -> str:
+        """The whole of it in words."""
+
+    @property
+    def parameters(self) -> Sequence[str]:
+        """The parameters that it is about."""
+
+    @property
+    def combinations(self) -> int | None:
+        """How many combinations of entangled parameters are determined."""
+
+    @property
+    def at_zero(self) -> Sequence[str]:
+        """Entangled parameters that are kept at zero."""
 
 
 def describe_unidentifiable(
@@ -49,6 +75,44 @@ def describe_unidentifiable(
     others = [name for name in held_by_prior if name not in named]
     out += _hardly_determined(others)
     return tuple(out)
+
+
+def write_unidentifiable(groups: Sequence[Undetermined]) -> list[str]:
+    """Write what the data do not determine: several groups that cannot be told apart in one sentence, in
+    place of the first of them."""
+    entangled = [one for one in groups if one.combinations is not None]
+    if len(entangled) < 2:
+        return [one.sentence for one in groups]
+    sentences = []
+    for one in groups:
+        if one is entangled[0]:
+            sentences.append(_write_entangled(entangled))
+        elif one.combinations is None:
+            sentences.append(one.sentence)
+    return sentences
+
+
+def _write_entangled(groups: Sequence[Undetermined]) -> str:
+    """Write several groups of which only combinations are determined, a few words each."""
+    listed = []
+    for one in groups:
+        several = one.combinations != 1
+        determined = f" ({one.combinations} combinations)" if several else ""
+        listed.append(f"{sentence_list(one.parameters)}{determined}")
+    zero = [name for one in groups for name in one.at_zero]
+    is_divided = any(not one.at_zero for one in groups)
+    remedy = f" {_at_zero(zero)}." if zero else ""
+    if is_divided:
+        where = "In the other groups the" if zero else "The"
+        remedy += (
+            f" {where} fit divides what is determined among the parameters by their usual sizes."
+        )
+    counted = any(one.combinations != 1 for one in groups)
+    number = " (or as many combinations as are given)" if counted else ""
+    return (
+        "Within each of these groups the parameters cannot be told apart, as the data determine only their combined "
+        f"effect{number}: {'; '.join(listed)}.{remedy}"
+    )
 
 
 def _alias_groups(identified: Identified) -> list[list[int]]:
@@ -110,7 +174,7 @@ def _entangled(
     listed = sentence_list(names)
     sentence = f"{listed} cannot be told apart: the data determine {what}; {remedy}."
     parameters = tuple(names)
-    return Unidentifiable(sentence, parameters)
+    return Unidentifiable(sentence, parameters, free, tuple(fixed))
 
 
 def _without_direction(names: Sequence[str]) -> list[Unidentifiable]:

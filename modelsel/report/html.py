@@ -210,6 +210,8 @@ def _slim_finding(finding: FindingRecord) -> dict[str, Any]:
     values["credible_set"] = [_slim_entry(entry) for entry in finding.credible_set]
     values["estimate"] = []
     values["fitted"] = finding.fitted
+    drawn = finding.turning if finding.only_turns else finding.worst
+    values["unmeasured_joints"] = [] if drawn is None else drawn.unmeasured_joints
     for key in ("usable", "worst"):
         values.pop(key, None)
     return values

@@ -6,6 +6,7 @@ from __future__ import annotations
 from base64 import b64encode
 from html import escape
 
+from ..fitting.undetermined import write_unidentifiable
 from ..results.parameter_table import PARAMETER_COLUMNS, tabulate_calibrated
 from ..results.schema import StudyRecord
 from .document import Source
@@ -52,7 +53,7 @@ def _write_unidentifiable(record: StudyRecord) -> str:
     groups = record.unidentifiable
     if not groups:
         return ""
-    lines = [f"<li>{escape(group.sentence)}</li>" for group in groups]
+    lines = [f"<li>{escape(sentence)}</li>" for sentence in write_unidentifiable(groups)]
     items = "\n".join(lines)
     words = write_paragraph(UNIDENTIFIABLE)
     summary = "<summary>What the data cannot tell</summary>"

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from ..diagnosis.findings.name_legend import explain_names
 from ..exceptions import count_words, number_repeated, sentence_list, write_numbered
+from ..fitting.undetermined import write_unidentifiable
 from ..measurements.formats.row_places import where_from_record
 from ..notices import ALARMS
 from ..results.details_schema import DetailsRecord
@@ -128,7 +129,10 @@ def _detail_sentences(record: StudyRecord, details: DetailsRecord) -> list[str]:
         gain_sentence(record),
         *_placement_sentences(record),
         *_feature_sentences(record),
-        *(f"Not identifiable: {one.sentence}" for one in record.unidentifiable),
+        *(
+            f"Not identifiable: {sentence}"
+            for sentence in write_unidentifiable(record.unidentifiable)
+        ),
         *_correlation_sentences(record),
     ]
     return [sentence for sentence in sentences if sentence]

@@ -27,7 +27,7 @@ from ..mechanisms.motors import motor_torque, name_drive
 from ..mechanisms.terms import Mechanism
 from ..robot.gravity import declares_masses, declares_masses_beyond, find_gravity_joints
 from ..robot.kinematics import Robot
-from .quantities import MILLI, Usable, express, format_figure
+from .quantities import MILLI, Usable, express, format_figure, say_where
 from .workspace import NORMAL_95, Fitted, Range, Workspace
 
 TURNS = slice(3, 6)
@@ -118,7 +118,12 @@ def measure_payload_bending(mechanism: Mechanism, fitted: Fitted) -> Iterator[Us
         torque = float(np.linalg.norm(each[0, :, row]))
         under = f"{words} ({format_figure(torque)} N m)"
     yield express(under, angle.scale(MILLI), "mrad")
-    yield express(f"{words}, at the target", fitted.moved_at(row), "mm", "at the target there")
+    yield express(
+        f"{words}, at the target",
+        fitted.moved_at(row),
+        "mm",
+        say_where("at the target there", fitted, row),
+    )
     if torque and angle.value:
         yield express(STIFFNESS, angle.invert(torque), "N m/rad")
 
@@ -142,7 +147,7 @@ def _measure_yield(words: str, part: Fitted, load: _Load) -> Iterator[Usable]:
     angle = part.length_at(turn, each, row)
     torque = float(load.size[row])
     moved = part.moved_at(row)
-    at_target, there = f"{words}, at the target", "at the target there"
+    at_target, there = f"{words}, at the target", say_where("at the target there", part, row)
     if load.lacking:
         wound = express(words, angle.scale(MILLI), "mrad")
         yield replace(wound, text=f"{wound.text}{load.lacking if load.ends else ''}")

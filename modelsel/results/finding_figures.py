@@ -14,7 +14,6 @@ from .._typing import Array
 from ..diagnosis.candidates.signatures import SHAPELESS
 from ..diagnosis.findings.effects import Effect
 from ..diagnosis.findings.sentences import format_angle, format_length
-from ..exceptions import sentence_list
 from ..fitting.least_squares import Fit
 from ..fitting.noise import RAD_PER_MM
 from ..selection.evaluation import Evaluation, Split, measure_orientation
@@ -22,7 +21,7 @@ from ..selection.gain import Gain
 from .compliance_numbers import measure_springs_apart
 from .effect_sizes import measure_sizes
 from .map_details import MIN_DISPLACEMENT
-from .quantities import MILLI, Usable, describe_ends, format_figure
+from .quantities import MILLI, Usable, describe_ends, format_figure, say_beyond
 from .small_findings import write_number
 from .study_run import StudyRun
 from .usable_numbers import PLAYS, list_usable
@@ -78,11 +77,7 @@ class Worst:
             f"{round(reading)} mm" if slides else f"{round(reading)}°"
             for reading, slides in zip(self.readings, self.slides, strict=True)
         )
-        beyond = ""
-        if self.beyond:
-            numbers = sentence_list([str(joint) for joint in self.beyond])
-            joints = "joint" if len(self.beyond) == 1 else "joints"
-            beyond = f", beyond the measured range of {joints} {numbers}"
+        beyond = say_beyond(self.beyond)
         size = f"{format_figure(self.moved.value)} {self.unit}{describe_ends(self.moved)}"
         side = " to either side" if self.by_side else ""
         what = WHAT_CHANGES[self.unit]
@@ -286,15 +281,13 @@ def find_worst_turn(fitted: Fitted) -> Worst:
 
 def _describe_row(workspace: Workspace, row: int, moved: Range, unit: str) -> Worst:
     readings = workspace.q[row]
-    low, high = workspace.measured_range
-    is_beyond = (readings < low) | (readings > high)
-    beyond = np.flatnonzero(is_beyond) + 1
+    beyond = workspace.find_unmeasured(row)
     prismatic = workspace.problem.robot.prismatic
     shown = []
     for reading, slides in zip(readings, prismatic, strict=True):
         value = reading if slides else np.degrees(reading)
         shown.append(float(value) + 0.0)
-    return Worst(moved, tuple(shown), prismatic, tuple(beyond.tolist()), unit=unit)
+    return Worst(moved, tuple(shown), prismatic, beyond, unit=unit)
 
 
 # -- from figures to records

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..diagnosis.findings.sentences import choose_prefix
-from ..exceptions import write_rounded
-from .workspace import Range
+from ..exceptions import sentence_list, write_rounded
+from .workspace import Fitted, Range
 
 # arc seconds of a radian
 ARC_SECONDS = float(np.degrees(1.0) * 3600)
@@ -46,6 +47,22 @@ def express(quantity: str, value: Range, unit: str, where: str = "") -> Usable:
     figure = f"{size}{sign}{ends}"
     text = f"{figure} {where}" if where else f"{quantity} {figure}"
     return Usable(quantity, value.value, value.low, value.high, unit, text)
+
+
+def say_beyond(joints: Sequence[int]) -> str:
+    """Say, to follow where a number is of, which joints stand beyond their measured range there; nothing
+    where none does."""
+    if not joints:
+        return ""
+    numbers = sentence_list([str(joint) for joint in joints])
+    word = "joint" if len(joints) == 1 else "joints"
+    return f", beyond the measured range of {word} {numbers}"
+
+
+def say_where(words: str, fitted: Fitted, row: int) -> str:
+    """Say where a number is of, and which joints stand beyond their measured range there."""
+    joints = fitted.workspace.find_unmeasured(row)
+    return f"{words}{say_beyond(joints)}"
 
 
 def _prefix_angle(value: Range, units: float) -> tuple[Range, str]:

@@ -84,7 +84,7 @@ def _values(run: StudyRun) -> Values:
         "error_map": _error_map(diagnosis),
         "outliers": data.row[run.split.outliers],
         "unidentifiable": [
-            {"sentence": one.sentence, "parameters": list(one.parameters)}
+            {**asdict(one), "parameters": list(one.parameters), "at_zero": list(one.at_zero)}
             for one in models.unidentifiable
         ],
         "warnings": _warnings((*run.warnings, *run.uncertainty.notes)),

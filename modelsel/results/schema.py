@@ -182,6 +182,8 @@ class UnidentifiableRecord(StrictRecord):
 
     sentence: Text
     parameters: Texts
+    combinations: Whole | None = None
+    at_zero: Texts = Field(default=[])
 
 
 class WarningRecord(StrictRecord):
@@ -288,7 +290,9 @@ class StudyRecord(StrictRecord):
     )
     outliers: list[Whole] = Field(description="rows left out as outliers, counted from 0")
     unidentifiable: list[UnidentifiableRecord] = Field(
-        description="parameters that the data determine only together: `sentence`, `parameters`"
+        description="parameters that the data determine only together: `sentence`, `parameters`, "
+        "`combinations` (how many combinations of entangled ones are determined, else null), "
+        "`at_zero` (those of them that are kept at zero)"
     )
     warnings: list[WarningRecord] = Field(description="`code`, `sentence`")
     sampling: SamplingRecord | None = Field(

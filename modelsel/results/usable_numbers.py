@@ -39,7 +39,7 @@ from .instrument_numbers import (
 )
 from .lag_numbers import measure_servo_lag
 from .map_details import MIN_DISPLACEMENT
-from .quantities import ARC_SECONDS, MILLI, Usable, express, format_figure
+from .quantities import ARC_SECONDS, MILLI, Usable, express, format_figure, say_where
 from .target_numbers import (
     RISE,
     measure_droop,
@@ -205,9 +205,8 @@ def _measure_rocking(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
     row = fitted.find_worst()
     moved = fitted.moved_at(row)
     moved = moved.scale(2.0)
-    yield express(
-        "from side to side, at the target", moved, "mm", "at the target from side to side"
-    )
+    where = say_where("at the target from side to side", fitted, row)
+    yield express("from side to side, at the target", moved, "mm", where)
 
 
 # -- ripple
@@ -221,8 +220,9 @@ def _measure_wave(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
         yield express("amplitude", amplitude.scale(ARC_SECONDS), "arcsec")
     else:
         yield express("amplitude", amplitude, "mm")
-    moved = fitted.moved_at(fitted.find_worst())
-    yield express("amplitude at the target", moved, "mm", "at the target at most")
+    row = fitted.find_worst()
+    where = say_where("at the target at most", fitted, row)
+    yield express("amplitude at the target", fitted.moved_at(row), "mm", where)
 
 
 def _find_amplitude(fitted: Fitted) -> Range:
@@ -320,7 +320,7 @@ def _measure_warm_target(reference: float, warm: Fitted) -> Usable:
     row = warm.find_worst()
     moved = warm.moved_at(row)
     words = f"at the target per 10 K, counted from {reference:g} °C"
-    return express(words, moved, "mm", "at the target per 10 K")
+    return express(words, moved, "mm", say_where("at the target per 10 K", warm, row))
 
 
 # -- set-up
@@ -346,7 +346,8 @@ def _measure_zero(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
     yield from _measure_jump(mechanism, fitted)
     row = fitted.find_worst()
     moved = fitted.moved_at(row)
-    yield express("step at the target", moved, "mm", "at the target at most")
+    where = say_where("at the target at most", fitted, row)
+    yield express("step at the target", moved, "mm", where)
 
 
 MEASURES: Mapping[str, Measure] = {

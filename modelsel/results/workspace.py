@@ -90,6 +90,14 @@ class Workspace:
         readings = self.q[: self.measured]
         return readings.min(0), readings.max(0)
 
+    def find_unmeasured(self, row: int) -> tuple[int, ...]:
+        """Find the joints that stand beyond their measured range at a row."""
+        low, high = self.measured_range
+        readings = self.q[row]
+        is_beyond = (readings < low) | (readings > high)
+        joints = np.flatnonzero(is_beyond) + 1
+        return tuple(joints.tolist())
+
     def displace(self, terms: Sequence[Term]) -> Array:
         """Compute the target's displacement (k, 3, m) per unit of every term [mm]."""
         return compute_columns(self.problem, self.field, terms, slice(0, len(self.problem)))

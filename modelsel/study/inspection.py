@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -163,8 +164,10 @@ def describe_determined(problem: Problem, model: Model) -> dict[str, Any]:
     fitted = fitted_terms(identified, model)
     groups = []
     for group in describe_unidentifiable(fitted, terms):
-        parameters = list(group.parameters)
-        groups.append({"sentence": group.sentence, "parameters": parameters})
+        values = asdict(group)
+        groups.append(
+            {**values, "parameters": list(group.parameters), "at_zero": list(group.at_zero)}
+        )
     return {"geometry": geometry, "unidentifiable": groups}
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import count_words, write_percent, write_rounded
+from ..fitting.undetermined import Unidentifiable, write_unidentifiable
 from ..results.placements import describe_placements
 from ..results.schema import RegistrationRecord
 
@@ -134,9 +135,8 @@ def _format_geometry(inspection: dict[str, Any]) -> list[str]:
         f"({where}), condition {geometry['condition']:.0f}"
     )
     lines = [line]
-    for group in inspection["unidentifiable"]:
-        sentence = group["sentence"]
-        lines.append(f"  {sentence}")
+    groups = [Unidentifiable(**group) for group in inspection["unidentifiable"]]
+    lines += [f"  {sentence}" for sentence in write_unidentifiable(groups)]
     return lines
 
 

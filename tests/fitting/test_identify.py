@@ -11,13 +11,14 @@ from builders import OFF_AXIS, ON_AXIS, drawn, planted, seeds
 from hypothesis import given
 from hypothesis import strategies as st
 
+from modelsel.exceptions import sentence_list
 from modelsel.fitting.design import Model, compute_design, residuals
 from modelsel.fitting.identifiability import Identified, identify, solve, without
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.prior import faint, usual_sizes
 from modelsel.fitting.problem import Problem
 from modelsel.fitting.reduction import reduce, reduce_problem
-from modelsel.fitting.undetermined import describe_unidentifiable
+from modelsel.fitting.undetermined import describe_unidentifiable, write_unidentifiable
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load_robot
 
@@ -119,6 +120,36 @@ def test_known_aliases_of_the_paper(rng) -> None:
     assert any({"c6", "c7"} == set(u.parameters) for u in said)
     (alone,) = [u.sentence for u in said if u.parameters == ("γ6",)]
     assert alone == "γ6 moves no measured coordinate: the data contain no information about it."
+
+
+@pytest.mark.parametrize("is_held", [False, True])
+def test_several_alias_groups_are_one_sentence_with_all_of_each(is_held: bool, rng) -> None:
+    """Which parameters, of how many combinations, what is kept at zero; others keep their sentences."""
+    which = model(H1234)
+    at = drawn("puma760", rng, 80, ON_AXIS)
+    found = identify(reduce_problem(at, which.terms)) if is_held else identified(at, which)
+    groups = describe_unidentifiable(found, which.terms)
+    entangled = [one for one in groups if one.combinations is not None]
+    assert len(entangled) > 1
+    assert [one.combinations for one in entangled] == [
+        determined(one.sentence) for one in entangled
+    ]
+    told = write_unidentifiable(groups)
+    assert len(told) == len(groups) - len(entangled) + 1
+    (together,) = [one for one in told if "cannot be told apart" in one]
+    for one in entangled:
+        number = "" if one.combinations == 1 else f" ({one.combinations} combinations)"
+        assert f"{sentence_list(one.parameters)}{number}" in together
+        assert set(one.at_zero) <= set(one.parameters)
+    zero = [name for one in entangled for name in one.at_zero]
+    assert (
+        f"{sentence_list(zero)} {'is' if len(zero) == 1 else 'are'} kept at zero" in together
+    ) == bool(zero)
+    assert len(together) < sum(len(one.sentence) for one in entangled)
+    assert [one.sentence for one in groups if one.combinations is None] == [
+        one for one in told if one != together
+    ]
+    assert write_unidentifiable(entangled[:1]) == [entangled[0].sentence]
 
 
 def test_relation_rebuilds_every_column(rng) -> None:

@@ -289,3 +289,19 @@ def test_a_line_ends_between_no_number_and_its_unit(browser, drawn) -> None:
     assert "\N{NO-BREAK SPACE}%" in text
     assert "\N{NO-BREAK SPACE}mm" in text
     assert not findall(r"\d (?:%|mm\b|µm\b|mrad\b|µrad\b|°C)", text)
+
+
+def test_a_pose_beyond_the_measured_readings_says_so(browser, drawn, tmp_path) -> None:
+    result, details = written(drawn)
+    result["findings"][0]["worst"]["unmeasured_joints"] = [1, 4]
+    for finding in result["findings"][1:]:
+        finding["worst"]["unmeasured_joints"] = []
+    file = tmp_path / "report.html"
+    file.write_text(page_of(result, details), encoding="utf-8")
+    opened(browser, file)
+    said = []
+    for k in (0, 1):
+        browser.find_elements("css selector", "#findings button")[k].click()
+        said.append(browser.find_element("id", "panel").text)
+    assert "There joints 1, 4 stand beyond the measured range. Orange" in said[0]
+    assert "stand beyond the measured range. Orange" not in said[1]

@@ -13,6 +13,7 @@ from click.testing import CliRunner
 from report_studies import read_source, source_of, written
 
 from modelsel.cli.main import run_command_line
+from modelsel.fitting.undetermined import write_unidentifiable
 from modelsel.report.document import Source
 from modelsel.report.terminal import WIDTH, Amount, show_study
 from modelsel.report.terminal_fleet import write_fleet
@@ -127,7 +128,8 @@ def test_everything_fits_without_a_broken_word(drawn) -> None:
     assert {one.mechanism for one in record.significance} <= words
     assert {place.split()[1] for place in record.error_map.places} <= words
     assert all(folded([one.sentence]) in folded(lines) for one in record.findings)
-    assert all(folded([one.sentence]) in folded(lines) for one in record.unidentifiable)
+    undetermined = write_unidentifiable(record.unidentifiable)
+    assert all(folded([sentence]) in folded(lines) for sentence in undetermined)
     assert all(folded([one.sentence]) in folded(lines) for one in record.warnings)
 
 

@@ -415,6 +415,33 @@ def test_configurations_are_drawn_within_limits_or_where_the_arm_was_measured() 
     assert "beyond the measured range of joint" in worst.text
 
 
+@pytest.mark.parametrize(
+    ("name", "estimate"),
+    [
+        ("gear-eccentricity:2", (1e-4, 1e-4)),
+        ("zero-step:2", (1e-3,)),
+        ("joint-compliance:2", (1e-5,)),
+    ],
+)
+def test_a_number_of_readings_that_nobody_measured_says_so(name, estimate) -> None:
+    """Of a posture within the measured range nothing is said."""
+    rng = np.random.default_rng(3)
+    q = rng.uniform(-0.1, 0.1, (40, 6))
+    at = bind(ARM, build_measurements(q, forward(ARM, q, TOOL)), TOOL)
+    far = build_workspace(at, rng)
+    near = replace(far, problem=far.problem.take(np.arange(40)))
+    one = mechanism(name, ARM)
+    said = []
+    for workspace in (far, near):
+        effect = Fitted(one.terms, np.array(estimate), np.eye(len(estimate)) * 1e-14, workspace)
+        texts = [
+            number.text for number in list_usable(one, effect) if "at the target" in number.text
+        ]
+        assert texts
+        said.append({"beyond the measured range of joints" in text for text in texts})
+    assert said == [{True}, {False}]
+
+
 def test_an_effect_that_only_turns_the_target_has_its_worst_in_mrad() -> None:
     """About an axis of the target's own frame: the amplitude of the turn, and no displacement."""
     turn = one_screw(7, "rx", sin(q(3)))

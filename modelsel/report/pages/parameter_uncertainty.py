@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from functools import partial
 
 from ...diagnosis.findings.sentences import choose_prefix
+from ...fitting.undetermined import write_unidentifiable
 from ...results.model_schema import QuantilesRecord, SamplingRecord
 from ...results.parameter_table import number_owners
 from ...results.schema import StudyRecord
@@ -128,7 +129,7 @@ def write_unidentifiable_page(source: Source) -> list[Block]:
         words = make_text(DETERMINED)
         return [heading, words]
     words = make_text(UNIDENTIFIABLE)
-    sentences = [group.sentence for group in groups]
+    sentences = write_unidentifiable(groups)
     listed = make_list(sentences) | {"dense": True}
     return [heading, words, listed]
 

@@ -57,9 +57,11 @@ function posed(finding, posture) {
   const title = turned === null ? `The arm where this finding moves the target most, by ${digits(size)} mm.`
     : `The arm where this finding turns the target most, by ${digits(turned)} mrad; its position does not change.`;
   const arrow = turned === null ? `The arm where this finding moves the target most: ${digits(size)} mm (blue arrow, ${times.toLocaleString("en")} times as long). ` : `${title} `;
+  const far = finding.unmeasured_joints;
+  const beyond = far.length ? `There joint${far.length > 1 ? "s" : ""} ${far.join(", ")} stand${far.length > 1 ? "" : "s"} beyond the measured range. ` : "";
   svg.append(mark("title", {}, title), scene);
   turnable(svg, view, draw);
   draw();
-  const said = `${arrow}Orange: what it moves; dashed lines are axes that it turns about, arrows directions that it shifts along. Drag or arrow keys turn the arm, + and − zoom, 0 resets.`;
+  const said = `${arrow}${beyond}Orange: what it moves; dashed lines are axes that it turns about, arrows directions that it shifts along. Drag or arrow keys turn the arm, + and − zoom, 0 resets.`;
   return [svg, el("p", { class: "quiet", text: said })];
 }
