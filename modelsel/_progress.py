@@ -132,9 +132,13 @@ class Progress:
     def _mark(self, now: float, done: float, left: str) -> None:
         """Leave a line at each quarter of a stage, unless the last line is recent."""
         quarter = int(QUARTERS * done)
-        if quarter > self.quarter and now - self.marked >= MIN_QUIET_S:
-            self.screen.mark(self._write_line(now, self.phase, left))
-            self.marked, self.quarter = now, quarter
+        quiet = now - self.marked
+        if quarter <= self.quarter or quiet < MIN_QUIET_S:
+            return
+        line = self._write_line(now, self.phase, left)
+        self.screen.mark(line)
+        self.marked = now
+        self.quarter = quarter
 
     def _extrapolate(self, done: float, now: float) -> float | None:
         """Return the seconds that the rest of the stage takes at the pace seen so far."""
@@ -146,7 +150,8 @@ class Progress:
         return (now - before) / (done - share) * (1 - done)
 
     def _show(self, now: float, *news: str) -> None:
-        self.screen.rewrite(self._write_line(now, *news))
+        line = self._write_line(now, *news)
+        self.screen.rewrite(line)
 
     def _write_line(self, now: float, *news: str) -> str:
         parts = [self.stage, *(part for part in news if part)]

@@ -247,13 +247,22 @@ def _say_rows(data: Measurements, at: float) -> str:
     begins = say_row(data, at)
     if not begins:
         return ""
-    before = np.flatnonzero(data.progress < at)
-    after = np.flatnonzero(data.progress > at)
-    last = int(data.row[before[data.progress[before].argmax()]])
-    first = int(data.row[after[data.progress[after].argmin()]])
-    if data.where.number(first) == data.where.number(last) + 1:
+    progress, where = data.progress, data.where
+    is_before = progress < at
+    before = np.flatnonzero(is_before)
+    after = np.flatnonzero(~is_before)
+    latest = progress[before].argmax()
+    earliest = progress[after].argmin()
+    ends = before[latest]
+    starts = after[earliest]
+    last = int(data.row[ends])
+    first = int(data.row[starts])
+    number = where.number(last)
+    following = where.number(first)
+    if following == number + 1:
         return begins
-    return f"{begins}, after {data.where.name_row_alone(last)}"
+    place = where.name_row_alone(last)
+    return f"{begins}, after {place}"
 
 
 def _tell_rows(
