@@ -2,7 +2,7 @@
 
 Work is given a function `say` and calls it with text. A plain string begins a stage; `News` tells
 of the stage that has begun. `Progress` is such a function. It shows a line that is rewritten on a
-terminal and in a notebook, and a line per stage in a log. A remaining time is only told where the
+terminal and in a notebook; in a log a line per stage, and of one that lasts a line per quarter. A remaining time is only told where the
 amount of work is known: else it is the number of the step among those of the whole.
 """
 
@@ -21,6 +21,9 @@ from .exceptions import write_percent
 
 # seconds of work seen before the rest is extrapolated
 MIN_SEEN_S = 1.0
+# seconds without a line after which a log has one about a stage that goes on
+MIN_QUIET_S = 10.0
+QUARTERS = 4
 CLEAR_LINE = "\r\x1b[K"
 USUAL_WIDTH = 80
 
@@ -56,6 +59,9 @@ class Screen(Protocol):
     def rewrite(self, line: str) -> None:
         """Show a line in place of the one before."""
 
+    def mark(self, line: str) -> None:
+        """Write how far a long stage is, where no line is rewritten."""
+
     def clear(self) -> None:
         """Take the rewritten line away."""
 
@@ -80,6 +86,8 @@ class Progress:
         self.phase = ""  # the last news that does not stay
         self.count = ""
         self.seen: tuple[float, float] | None = None  # time and share of the first news
+        self.marked = 0.0  # time of the last line that stays
+        self.quarter = -1  # of the stage, of which the last line was that told how far it is
 
     def __call__(self, line: str) -> None:
         """Show a line: the next stage, or news of this one."""
@@ -90,6 +98,8 @@ class Progress:
         self.stage = line
         self.phase = ""
         self.seen = None
+        self.marked = now
+        self.quarter = -1
         count = len(self.steps)
         for number, step in enumerate(self.steps, 1):
             if line.startswith(step):
@@ -104,9 +114,10 @@ class Progress:
     def _tell(self, news: News, now: float) -> None:
         if news.kept:
             self.screen.keep(f"{now:6.1f} s  {news}")
+            self.marked = now
         else:
             self.phase = str(news)
-        left = ""
+        left, seconds = "", None
         if news.done is not None:
             left = write_percent(news.done)
             seconds = self._extrapolate(news.done, now)
@@ -114,6 +125,20 @@ class Progress:
                 remaining = format_seconds(seconds)
                 left += f", {remaining} left"
         self._show(now, self.phase, left)
+        # one share alone tells no pace
+        if not news.kept and (news.done is None or seconds is not None):
+            self._mark(now, news.done or 0.0, left)
+
+    def _mark(self, now: float, done: float, left: str) -> None:
+        """Leave a line at each quarter of a stage, unless the last line is recent."""
+        quarter = int(QUARTERS * done)
+        quiet = now - self.marked
+        if quarter <= self.quarter or quiet < MIN_QUIET_S:
+            return
+        line = self._write_line(now, self.phase, left)
+        self.screen.mark(line)
+        self.marked = now
+        self.quarter = quarter
 
     def _extrapolate(self, done: float, now: float) -> float | None:
         """Return the seconds that the rest of the stage takes at the pace seen so far."""
@@ -125,9 +150,13 @@ class Progress:
         return (now - before) / (done - share) * (1 - done)
 
     def _show(self, now: float, *news: str) -> None:
+        line = self._write_line(now, *news)
+        self.screen.rewrite(line)
+
+    def _write_line(self, now: float, *news: str) -> str:
         parts = [self.stage, *(part for part in news if part)]
         step = f" ({self.count})" if self.count else ""
-        self.screen.rewrite(f"{now:6.1f} s  {', '.join(parts)}{step}")
+        return f"{now:6.1f} s  {', '.join(parts)}{step}"
 
 
 def format_seconds(seconds: float) -> str:
@@ -207,12 +236,15 @@ class HiddenScreen:
     def rewrite(self, line: str) -> None:
         """Show nothing."""
 
+    def mark(self, line: str) -> None:
+        """Show nothing."""
+
     def clear(self) -> None:
         """Leave nothing to take away."""
 
 
 class LogScreen:
-    """A line per stage and per result, on a stream that cannot go back."""
+    """A line per stage, per quarter of a long one and per result, on a stream that cannot go back."""
 
     def __init__(self, stream: TextIO):
         self.stream = stream
@@ -227,6 +259,10 @@ class LogScreen:
 
     def rewrite(self, line: str) -> None:
         """Write nothing."""
+
+    def mark(self, line: str) -> None:
+        """Write the line at once."""
+        self.keep(line)
 
     def clear(self) -> None:
         """Leave what is written."""
@@ -244,6 +280,9 @@ class TerminalScreen:
     def keep(self, line: str) -> None:
         """Write the line above the last one, which the next call writes anew."""
         self._write(f"{CLEAR_LINE}{line}\n")
+
+    def mark(self, line: str) -> None:
+        """Leave it to `rewrite`."""
 
     def rewrite(self, line: str) -> None:
         """Write the last line, as much of it as fits."""
@@ -275,6 +314,9 @@ class NotebookScreen:
     def keep(self, line: str) -> None:
         """Keep the line above the last one."""
         self.kept.append(line)
+
+    def mark(self, line: str) -> None:
+        """Leave it to `rewrite`."""
 
     def rewrite(self, line: str) -> None:
         """Show what is kept, and the last line."""

@@ -86,7 +86,8 @@ def write_unidentifiable(groups: Sequence[Undetermined]) -> list[str]:
     sentences = []
     for one in groups:
         if one is entangled[0]:
-            sentences.append(_write_entangled(entangled))
+            together = _write_entangled(entangled)
+            sentences.append(together)
         elif one.combinations is None:
             sentences.append(one.sentence)
     return sentences
@@ -96,22 +97,35 @@ def _write_entangled(groups: Sequence[Undetermined]) -> str:
     """Write several groups of which only combinations are determined, a few words each."""
     listed = []
     for one in groups:
-        several = one.combinations != 1
-        determined = f" ({one.combinations} combinations)" if several else ""
-        listed.append(f"{sentence_list(one.parameters)}{determined}")
-    zero = [name for one in groups for name in one.at_zero]
-    is_divided = any(not one.at_zero for one in groups)
-    remedy = f" {_at_zero(zero)}." if zero else ""
+        names = sentence_list(one.parameters)
+        count = one.combinations
+        if count != 1:
+            names += f" ({count} combinations)"
+        listed.append(names)
+    zero: list[str] = []
+    is_divided = False
+    for one in groups:
+        held = one.at_zero
+        zero += held
+        if not held:
+            is_divided = True
+    remedy = ""
+    where = "The"
+    if zero:
+        kept = _at_zero(zero)
+        remedy = f" {kept}."
+        where = "In the other groups the"
     if is_divided:
-        where = "In the other groups the" if zero else "The"
         remedy += (
             f" {where} fit divides what is determined among the parameters by their usual sizes."
         )
-    counted = any(one.combinations != 1 for one in groups)
-    number = " (or as many combinations as are given)" if counted else ""
+    number = ""
+    if any(one.combinations != 1 for one in groups):
+        number = " (or as many combinations as are given)"
+    together = "; ".join(listed)
     return (
         "Within each of these groups the parameters cannot be told apart, as the data determine only their combined "
-        f"effect{number}: {'; '.join(listed)}.{remedy}"
+        f"effect{number}: {together}.{remedy}"
     )
 
 

@@ -53,7 +53,11 @@ def _write_unidentifiable(record: StudyRecord) -> str:
     groups = record.unidentifiable
     if not groups:
         return ""
-    lines = [f"<li>{escape(sentence)}</li>" for sentence in write_unidentifiable(groups)]
+    lines = []
+    for sentence in write_unidentifiable(groups):
+        escaped = escape(sentence)
+        line = f"<li>{escaped}</li>"
+        lines.append(line)
     items = "\n".join(lines)
     words = write_paragraph(UNIDENTIFIABLE)
     summary = "<summary>What the data cannot tell</summary>"

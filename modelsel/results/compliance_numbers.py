@@ -118,12 +118,10 @@ def measure_payload_bending(mechanism: Mechanism, fitted: Fitted) -> Iterator[Us
         torque = float(np.linalg.norm(each[0, :, row]))
         under = f"{words} ({format_figure(torque)} N m)"
     yield express(under, angle.scale(MILLI), "mrad")
-    yield express(
-        f"{words}, at the target",
-        fitted.moved_at(row),
-        "mm",
-        say_where("at the target there", fitted, row),
-    )
+    there = say_where("at the target there", fitted, row)
+    moved = fitted.moved_at(row)
+    at_target = f"{words}, at the target"
+    yield express(at_target, moved, "mm", there)
     if torque and angle.value:
         yield express(STIFFNESS, angle.invert(torque), "N m/rad")
 

@@ -54,8 +54,10 @@ def say_beyond(joints: Sequence[int]) -> str:
     where none does."""
     if not joints:
         return ""
-    numbers = sentence_list([str(joint) for joint in joints])
-    word = "joint" if len(joints) == 1 else "joints"
+    count = len(joints)
+    listed = [str(joint) for joint in joints]
+    numbers = sentence_list(listed)
+    word = "joint" if count == 1 else "joints"
     return f", beyond the measured range of {word} {numbers}"
 
 

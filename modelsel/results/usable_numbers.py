@@ -221,8 +221,9 @@ def _measure_wave(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
     else:
         yield express("amplitude", amplitude, "mm")
     row = fitted.find_worst()
+    moved = fitted.moved_at(row)
     where = say_where("at the target at most", fitted, row)
-    yield express("amplitude at the target", fitted.moved_at(row), "mm", where)
+    yield express("amplitude at the target", moved, "mm", where)
 
 
 def _find_amplitude(fitted: Fitted) -> Range:
@@ -320,7 +321,8 @@ def _measure_warm_target(reference: float, warm: Fitted) -> Usable:
     row = warm.find_worst()
     moved = warm.moved_at(row)
     words = f"at the target per 10 K, counted from {reference:g} °C"
-    return express(words, moved, "mm", say_where("at the target per 10 K", warm, row))
+    where = say_where("at the target per 10 K", warm, row)
+    return express(words, moved, "mm", where)
 
 
 # -- set-up

@@ -95,8 +95,10 @@ class Workspace:
         low, high = self.measured_range
         readings = self.q[row]
         is_beyond = (readings < low) | (readings > high)
-        joints = np.flatnonzero(is_beyond) + 1
-        return tuple(joints.tolist())
+        beyond = np.flatnonzero(is_beyond)
+        joints = beyond + 1
+        numbers = joints.tolist()
+        return tuple(numbers)
 
     def displace(self, terms: Sequence[Term]) -> Array:
         """Compute the target's displacement (k, 3, m) per unit of every term [mm]."""

@@ -165,9 +165,10 @@ def describe_determined(problem: Problem, model: Model) -> dict[str, Any]:
     groups = []
     for group in describe_unidentifiable(fitted, terms):
         values = asdict(group)
-        groups.append(
-            {**values, "parameters": list(group.parameters), "at_zero": list(group.at_zero)}
-        )
+        for key in ("parameters", "at_zero"):
+            listed = list(values[key])
+            values[key] = listed
+        groups.append(values)
     return {"geometry": geometry, "unidentifiable": groups}
 
 

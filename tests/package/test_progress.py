@@ -7,6 +7,7 @@ import subprocess
 import sys
 from types import ModuleType
 
+import numpy as np
 import pytest
 
 from modelsel._progress import (
@@ -105,6 +106,24 @@ def test_a_log_has_a_line_per_stage() -> None:
         "   0.0 s  naming: 12 candidates",
         "   1.5 s  found backlash:3",
         "   2.0 s  sampling",
+    ]
+
+
+def test_a_log_tells_how_far_a_long_stage_is_at_each_quarter() -> None:
+    """First that it goes on, then with the time that is left; no line while the last one is recent."""
+    clock, stream = Clock(), io.StringIO()
+    progress = Progress(["naming", "sampling"], LogScreen(stream), clock)
+    progress("sampling")
+    for share in (None, None, *np.arange(4, 21) / 20):
+        clock.now += 8
+        words = "500 steps" if share is None else f"{share:.2f} of it"
+        progress(News(words, None if share is None else float(share)))
+    assert stream.getvalue().splitlines() == [
+        "   0.0 s  sampling",
+        "  16.0 s  sampling, 500 steps (step 2 of 2)",
+        "  32.0 s  sampling, 0.25 of it, 25 %, about 2 min left (step 2 of 2)",
+        "  72.0 s  sampling, 0.50 of it, 50 %, about 1 min left (step 2 of 2)",
+        " 112.0 s  sampling, 0.75 of it, 75 %, about 40 s left (step 2 of 2)",
     ]
 
 

@@ -44,7 +44,7 @@ FEWEST_DIGITS, MOST_DIGITS = 2, 12
 
 class _Step(NamedTuple):
     """A step whose moment is scanned: what builds it, the estimation rows (m,) of what it moves, and
-    whether the row is told from which it stands."""
+    whether the row is told from which it stands, even where sessions meet."""
 
     build: Build
     rows: Mask
@@ -55,8 +55,7 @@ def place_steps(
     problem: Problem, estimation: Mask, mechanisms: Sequence[Mechanism]
 ) -> tuple[Mechanism, ...]:
     """Place the steps among some mechanisms where sessions meet: those that the `estimation` rows (m,)
-    cannot tell from a step there give way to it. Steps of a joint's zero and of one target of several
-    are told by the row elsewhere. What may have moved a few rows from where sessions meet, as held-out
+    cannot tell from a step there give way to it. Elsewhere steps are told by the row. What may have moved a few rows from where sessions meet, as held-out
     rows lie there, is told to stand from about there on.
 
     Sessions are the groups of the measurements, where they follow one another."""
@@ -75,8 +74,7 @@ def place_steps(
             same = _list_same(robot, step.build, moment, progress)
             placed = [m for m in placed if m not in same]
             placed.append(_tell(step.build(robot, moment), begins))
-    by_row = [step for step in there.values() if step.by_row]
-    placed = _tell_rows(problem, by_row, placed)
+    placed = _tell_rows(problem, there.values(), placed)
     if of_targets:
         placed = _limit_to_measured(problem.take(estimation), placed)
         placed = list(map(_tell_all_targets, placed))
@@ -244,6 +242,29 @@ def say_row(data: Measurements, at: float) -> str:
     return f"from about {begins} on"
 
 
+def _say_rows(data: Measurements, at: float) -> str:
+    """Say between which of some rows a step begins; nothing where all are on one side of it."""
+    begins = say_row(data, at)
+    if not begins:
+        return ""
+    progress, where = data.progress, data.where
+    is_before = progress < at
+    before = np.flatnonzero(is_before)
+    after = np.flatnonzero(~is_before)
+    latest = progress[before].argmax()
+    earliest = progress[after].argmin()
+    ends = before[latest]
+    starts = after[earliest]
+    last = int(data.row[ends])
+    first = int(data.row[starts])
+    number = where.number(last)
+    following = where.number(first)
+    if following == number + 1:
+        return begins
+    place = where.name_row_alone(last)
+    return f"{begins}, after {place}"
+
+
 def _tell_rows(
     problem: Problem, steps: Iterable[_Step], mechanisms: Sequence[Mechanism]
 ) -> list[Mechanism]:
@@ -255,7 +276,7 @@ def _tell_rows(
         rows = step.rows.tobytes()
         if rows not in said:
             data = problem.data.take(step.rows)
-            said[rows] = {at: say_row(data, at) for at in environment.STEPS}
+            said[rows] = {at: _say_rows(data, at) for at in environment.STEPS}
         for at, begins in said[rows].items():
             if begins:
                 scanned = step.build(problem.robot, at)

@@ -17,6 +17,7 @@ from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.environment import STEPS, tracker_bumped
 from modelsel.mechanisms.registry import build_faults, every, mechanism
+from modelsel.mechanisms.terms import Mechanism
 from modelsel.robot.files import load_robot
 from modelsel.selection.evaluation import Split
 
@@ -39,6 +40,10 @@ def move(at: Problem) -> list[np.ndarray]:
     placed = place_steps(at, training(at), build_faults(ROBOT))
     causes = [one.terms[0].screws[0].cause for one in placed if one.name == "fault:tracker-bumped"]
     return [np.asarray(cause.of(at.state)) for cause in causes]
+
+
+def without_sentence(one: Mechanism) -> Mechanism:
+    return replace(one, sentence="")
 
 
 def training(problem: Problem) -> np.ndarray:
@@ -77,8 +82,28 @@ def test_it_is_told_by_the_group(rng: np.random.Generator) -> None:
 def test_one_session_has_the_steps_that_are_scanned(rng: np.random.Generator) -> None:
     at = campaign([0] * 60, 0.0, rng)
     faults = build_faults(ROBOT)
-    assert place_steps(at, np.ones(60, bool), faults) == faults
+    placed = place_steps(at, np.ones(60, bool), faults)
+    assert list(map(without_sentence, placed)) == list(map(without_sentence, faults))
     assert {tracker_bumped(ROBOT, at) for at in STEPS} <= set(faults)
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize("name", ["tracker-step", "fault:tracker-bumped", "target-step"])
+def test_a_step_of_the_set_up_is_told_by_the_rows_around_it(name, rng: np.random.Generator) -> None:
+    """Row 30 is held out: a step there begins with row 31, after row 29."""
+    at = campaign([0] * 60, 0.0, rng)
+    used = np.arange(60) != 30
+    placed = place_steps(at, used, (*every(ROBOT), *build_faults(ROBOT)))
+    own = [one for one in placed if one.name == name]
+    assert own
+    rows = set()
+    for one in own:
+        moved = np.asarray(one.terms[0].screws[0].cause.of(at.state)) > 0
+        first, last = np.flatnonzero(moved & used)[0], np.flatnonzero(~moved & used)[-1]
+        gap = "" if first == last + 1 else f", after row {last}"
+        assert one.sentence.endswith(f" from about row {first} on{gap}.")
+        rows.add((last, first))
+    assert (29, 31) in rows
 
 
 @pytest.mark.unit
@@ -86,7 +111,8 @@ def test_many_groups_are_no_sessions(rng: np.random.Generator) -> None:
     """A group for every pose leaves the steps that are scanned."""
     at = campaign(list(range(60)), 0.0, rng)
     faults = build_faults(ROBOT)
-    assert place_steps(at, np.ones(60, bool), faults) == faults
+    placed = place_steps(at, np.ones(60, bool), faults)
+    assert list(map(without_sentence, placed)) == list(map(without_sentence, faults))
 
 
 @pytest.mark.unit
