@@ -63,8 +63,10 @@ def arrange_as_targets(
             size *= _measure_unit(table, contract, own, prismatic)
         values = frame[source].to_numpy()
         arranged[own] = values if size == 1 else values / size
-    rest = {name: frame[name].to_numpy() for name in frame.columns if name not in used}
-    return pd.DataFrame({**arranged, **rest})
+    for name in frame.columns:
+        if name not in used:
+            arranged[name] = frame[name].to_numpy()
+    return pd.DataFrame(arranged)
 
 
 def _list_computed(frame: pd.DataFrame, forward: bool) -> set[str]:

@@ -346,10 +346,7 @@ def _measure_jump(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
 def _measure_zero(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
     """Measure how far a joint's zero moves, and the target with it."""
     yield from _measure_jump(mechanism, fitted)
-    row = fitted.find_worst()
-    moved = fitted.moved_at(row)
-    where = say_where("at the target at most", fitted, row)
-    yield express("step at the target", moved, "mm", where)
+    yield _express_most("step at the target", fitted)
 
 
 MEASURES: Mapping[str, Measure] = {

@@ -381,8 +381,10 @@ def _format_indices(plan: MeasurementPlan) -> str:
     for name, (before, after) in plan.indices.items():
         if not name.startswith("o"):
             continue
-        change = f"{_write_index(before)} -> {_write_index(after)}"
-        observability.append(f"{name.upper()} ({INDEX_WORDS[name]}) {change}")
+        first = _write_index(before)
+        second = _write_index(after)
+        words = INDEX_WORDS[name]
+        observability.append(f"{name.upper()} ({words}) {first} -> {second}")
     before, after = plan.indices["d"]
     return (
         "Observability of the model's parameters, before and after, larger is better: "

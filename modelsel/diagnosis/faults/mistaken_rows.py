@@ -205,7 +205,8 @@ def explain_rows(
     found = []
     exchanged = _build_exchanged(selected, left_selected, is_open, near)
     stale = _build_stale(problem, suspected)
-    for slip in (*_generate_slips(selected), exchanged, stale):
+    slips = [*_generate_slips(selected), exchanged, stale]
+    for slip in slips:
         corrected = slip.correct(selected)
         after = compute_lengths(left(corrected))
         is_near = after < near
