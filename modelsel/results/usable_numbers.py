@@ -220,10 +220,15 @@ def _measure_wave(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
         yield express("amplitude", amplitude.scale(ARC_SECONDS), "arcsec")
     else:
         yield express("amplitude", amplitude, "mm")
+    yield _express_most("amplitude at the target", fitted)
+
+
+def _express_most(words: str, fitted: Fitted) -> Usable:
+    """Express how far the target moves at most."""
     row = fitted.find_worst()
     moved = fitted.moved_at(row)
     where = say_where("at the target at most", fitted, row)
-    yield express("amplitude at the target", moved, "mm", where)
+    return express(words, moved, "mm", where)
 
 
 def _find_amplitude(fitted: Fitted) -> Range:
