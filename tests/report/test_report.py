@@ -54,7 +54,7 @@ A4 = (595, 842)
 FOOT = 54  # points: below it stands the foot of a page
 LARGE_PICTURES = {  # heading, first words of the caption
     "Residuals against what may drive them": "Residuals of the chosen model along x",
-    "Error map": "Where (rows) and why (columns) the base model errs",
+    "Error map": "Why (rows) and where (columns) the base model errs",
     "Data and split": "Joint coverage. A stroke is one reading",
 }
 

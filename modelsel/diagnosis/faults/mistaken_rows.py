@@ -180,9 +180,7 @@ def explain_rows(
     as near as the other rows, or as the `usual` length [mm]. Rows that are `named` (mask) are left
     out."""
     data = problem.data
-    is_point = np.ones(len(data), bool)
-    if data.gauges is not None:
-        is_point = data.gauges.of("point")
+    is_point = _mask_points(data)
     regular = is_point & ~rows
     suspected = is_point & rows
     if named is not None:
@@ -203,9 +201,9 @@ def explain_rows(
     is_told = np.zeros(len(before), bool)
     places = np.flatnonzero(suspected)
     found = []
-    exchanged = _build_exchanged(selected, left_selected, is_open, near)
-    stale = _build_stale(problem, suspected)
-    slips = [*_generate_slips(selected), exchanged, stale]
+    slips = [*_generate_slips(selected)]
+    slips.append(_build_exchanged(selected, left_selected, is_open, near))
+    slips.append(_build_stale(problem, suspected))
     for slip in slips:
         corrected = slip.correct(selected)
         after = compute_lengths(left(corrected))
@@ -222,6 +220,13 @@ def explain_rows(
             is_told |= explained
             is_open &= ~explained
     return tuple(found)
+
+
+def _mask_points(data: Measurements) -> Mask:
+    """Return (m,) which rows are points, not those of a gauge."""
+    if data.gauges is None:
+        return np.ones(len(data), bool)
+    return data.gauges.of("point")
 
 
 def _describe(slip: Slip, problem: Problem, rows: Mask, before: Array, after: Array) -> str:

@@ -288,8 +288,8 @@ def write_error_map_page(source: Source) -> list[Block]:
         "shown: those of findings and the strongest that act at several places. All others are in report.html."
     )
     caption = (
-        "Where (rows) and why (columns) the base model errs. Darker: this cell alone would explain more. Orange dot: more "
-        "than chance anywhere in the map; orange ring: and among the strongest of its column; black square: the cell of a "
+        "Why (rows) and where (columns) the base model errs. Darker: this cell alone would explain more. Orange dot: more "
+        "than chance anywhere in the map; orange ring: and among the strongest of its row; black square: the cell of a "
         "finding. One effect darkens every cell that moves the target like it, so most dark cells are echoes."
     )
     legend = (
