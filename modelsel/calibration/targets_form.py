@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._names import unguard_cell
 from ..measurements.formats.table import Table
 from ..measurements.quantities.columns import POSITION_UNITS, UNITS
 from ..measurements.quantities.contract_columns import JOINT_COLUMN
@@ -24,6 +25,7 @@ POSITION_COLUMN = re.compile(rf"([xyz])_({'|'.join(POSITION_UNITS)})")
 # what a table has where the targets have no such column: there is one target, in one group
 LABELS = ("target", "group")
 CONFIGURATION = "configuration"
+NUMBER_KINDS = "fiub"  # of numpy's types
 
 
 def arrange_as_targets(
@@ -46,7 +48,7 @@ def arrange_as_targets(
     used = set(LABELS)
     for own, cells in table.columns.items():
         contract = contract_names.get(own, own)
-        kept = np.asarray(cells)[rows]
+        kept = _keep_cells(table, cells, rows)
         if contract in FIGURE_COLUMNS or contract == CONFIGURATION and _repeats(kept):
             continue
         size = 1.0
@@ -67,6 +69,16 @@ def arrange_as_targets(
         if name not in used:
             arranged[name] = frame[name].to_numpy()
     return pd.DataFrame(arranged)
+
+
+def _keep_cells(table: Table, cells: NDArray[Any], rows: NDArray[np.intp]) -> NDArray[Any]:
+    """Return cells of a column as they were meant: those of a text file may be guarded against
+    spreadsheets, which is done anew where they are written."""
+    kept = np.asarray(cells)[rows]
+    if not table.where.is_text or kept.dtype.kind in NUMBER_KINDS:
+        return kept
+    meant = [unguard_cell(cell) if isinstance(cell, str) else cell for cell in kept]
+    return np.array(meant, dtype=kept.dtype)
 
 
 def _list_computed(frame: pd.DataFrame, forward: bool) -> set[str]:

@@ -151,3 +151,11 @@ def test_positions_stay_in_metres(folder, made, plan) -> None:
     compensate(folder, folder / "out.csv", folder / "back.csv", "--forward")
     back = pd.read_csv(folder / "back.csv")
     np.testing.assert_allclose(back[["x_m", "y_m", "z_m"]], position, rtol=0, atol=1e-6)
+
+
+def test_a_guarded_cell_is_not_guarded_twice(plan, folder) -> None:
+    notes = ["'=1+1", "''=1+1", "=2+2", "Griff"] * 3
+    plan.assign(Bemerkung=notes[: len(plan)]).to_csv(folder / "plan.csv", index=False)
+    compensate(folder, folder / "plan.csv", folder / "out.csv")
+    written = pd.read_csv(folder / "out.csv")["Bemerkung"].tolist()
+    assert written[:4] == ["'=1+1", "''=1+1", "'=2+2", "Griff"]
