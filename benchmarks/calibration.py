@@ -26,8 +26,8 @@ from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.environment import tracker_step
 from modelsel.mechanisms.registry import BUILTIN
 from modelsel.robot.kinematics import Joint, Robot, forward
-from modelsel.study.result import Result
-from modelsel.study.runner import run_study
+from modelsel.study.pipeline.result import Result
+from modelsel.study.pipeline.runner import run_study
 from modelsel.uncertainty import conditional_priors as conditional
 from modelsel.uncertainty.log_posterior import TAIL, LogPosterior
 from modelsel.uncertainty.nuisance import assign_components, list_constants

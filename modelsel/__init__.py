@@ -42,12 +42,12 @@ if TYPE_CHECKING:
     from .selection.model_comparison import ModelComparison as ModelComparison
     from .selection.model_comparison import compare as compare
     from .selection.splits import split_configurations as split_configurations
-    from .study.planning import MeasurementPlan as MeasurementPlan
-    from .study.planning import plan_next as plan_next
-    from .study.result import Result as Result
-    from .study.result import load_result as load_result
-    from .study.runner import rehearse_study as rehearse_study
-    from .study.runner import run_study as run_study
+    from .study.pipeline.result import Result as Result
+    from .study.pipeline.result import load_result as load_result
+    from .study.pipeline.runner import rehearse_study as rehearse_study
+    from .study.pipeline.runner import run_study as run_study
+    from .study.planning.planning import MeasurementPlan as MeasurementPlan
+    from .study.planning.planning import plan_next as plan_next
     from .study.simulation import simulate_study as simulate_study
 
 __version__ = VERSION
@@ -69,9 +69,9 @@ _NAMES = {
     "robot.kinematics": "Robot",
     "selection.model_comparison": "ModelComparison compare",
     "selection.splits": "split_configurations",
-    "study.planning": "MeasurementPlan plan_next",
-    "study.result": "Result load_result",
-    "study.runner": "rehearse_study run_study",
+    "study.planning.planning": "MeasurementPlan plan_next",
+    "study.pipeline.result": "Result load_result",
+    "study.pipeline.runner": "rehearse_study run_study",
     "study.simulation": "simulate_study",
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}

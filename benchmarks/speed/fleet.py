@@ -15,7 +15,7 @@ from modelsel.config.study_file import read_study
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
 from modelsel.study.fleet_runner import FleetOptions, cluster, run_fleet
-from modelsel.study.runner import run_study as alone
+from modelsel.study.pipeline.runner import run_study as alone
 
 from .timing import TOOL
 

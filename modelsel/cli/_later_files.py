@@ -94,8 +94,8 @@ def load_later(
         if is_joined:
             _refuse_points_alone(c, table, mapping)
         return LaterFiles(table, mapping, (mapped,) if mapped else (), hash_source(file))
-    from ..study.joined_study import draft_joined_study, map_later_columns
-    from ..study.study_folder import write_joined_table
+    from ..study.drafts.joined_study import draft_joined_study, map_later_columns
+    from ..study.drafts.study_folder import write_joined_table
 
     readings = DataFile(log.path, decimal=file.decimal)
     given = map_later_columns(file, readings, c.robot, c.form, columns)

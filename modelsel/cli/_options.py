@@ -130,7 +130,7 @@ def read_robot_option(
     from ..robot.files import is_robot_file, load_robot, read_robot
     from ..robot.urdf import read_urdf_text
     from ..robot.xacro_files import describe_expansion, expand_xacro, is_xacro
-    from ..study.robot_tables import is_robot_table, read_robot_table
+    from ..study.tables.robot_tables import is_robot_table, read_robot_table
 
     path = Path(robot)
     if is_xacro(path):

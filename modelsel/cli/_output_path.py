@@ -108,7 +108,7 @@ def _find_owner(out: Path) -> str | None:
 def _list_inputs_beside(folder: Path) -> list[Path]:
     """List the files that the study of a folder is read from; none where it has no such study."""
     from ..config.study_file import read_study
-    from ..study.inputs import list_input_files
+    from ..study.inputs.inputs import list_input_files
 
     path = folder / STUDY_FILE
     try:

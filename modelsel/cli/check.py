@@ -46,8 +46,8 @@ def check_command(
     of a study that `modelsel study` would refuse is that of the refusal."""
     from ..measurements.formats.table import DataFile
     from ..measurements.reader import read_measurements
-    from ..study.inspection import inspect_measurements
-    from ..study.inspection_text import format_inspection
+    from ..study.inspection.inspection import inspect_measurements
+    from ..study.inspection.inspection_text import format_inspection
 
     said: tuple[str, ...] = ()
     if data.is_dir() or data.suffix == ".toml":
@@ -76,8 +76,8 @@ def check_command(
 def _inspect_study(path: Path) -> dict[str, Any]:
     """Describe the measurements of a study, and its robot as the study has it."""
     from ..mechanisms.registry import with_plugins
-    from ..study.study_inspection import inspect_study
-    from ..study.whole_study import open_study
+    from ..study.inputs.whole_study import open_study
+    from ..study.inspection.study_inspection import inspect_study
 
     study, folder = open_study(path, None)
     registry, _ = with_plugins()

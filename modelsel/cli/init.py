@@ -24,8 +24,8 @@ from ._output_path import OutputPath
 
 if TYPE_CHECKING:
     from ..measurements.recognition.column_guesses import Choice, Reading
-    from ..study.new_study import StudyDraft
-    from ..study.stated_setup import StatedSetup
+    from ..study.drafts.new_study import StudyDraft
+    from ..study.inputs.stated_setup import StatedSetup
 
 
 @click.command("init")
@@ -84,10 +84,10 @@ def init_command(
     """Write a study folder from a measurements file as it is: find the columns and their units,
     show how they are read, ask, and write what `modelsel study` runs."""
     from ..measurements.formats.table import DataFile
-    from ..study.joined_study import draft_joined_study
-    from ..study.new_study import MIN_SPLIT, add_orientation, describe_draft, draft_study
-    from ..study.stated_setup import StatedSetup
-    from ..study.study_folder import RobotSource, check_new, write_study_folder
+    from ..study.drafts.joined_study import draft_joined_study
+    from ..study.drafts.new_study import MIN_SPLIT, add_orientation, describe_draft, draft_study
+    from ..study.drafts.study_folder import RobotSource, check_new, write_study_folder
+    from ..study.inputs.stated_setup import StatedSetup
 
     setup = StatedSetup(tool, aligned, gravity)
     _check_setup(setup)
@@ -126,7 +126,7 @@ def init_command(
 
 def _say_next(folder: Path, lines: list[str], refusal: str | None) -> None:
     """Say what comes after the study was written, of which `lines` were said."""
-    from ..study.nominal_misfit import is_said_far
+    from ..study.drafts.nominal_misfit import is_said_far
 
     place = str(folder)
     if place.startswith("-"):
@@ -142,7 +142,7 @@ def _say_next(folder: Path, lines: list[str], refusal: str | None) -> None:
 
 def _find_refusal(folder: Path) -> str | None:
     """Find why a study of few configurations would be refused; None where it would not."""
-    from ..study.runner import rehearse_study
+    from ..study.pipeline.runner import rehearse_study
 
     try:
         rehearse_study(folder)

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from ..config.study_file import Study
     from ..measurements.formats.table import DataFile
     from ..robot.kinematics import Robot
-    from ..study.planning import MeasurementPlan
-    from ..study.result import Result
+    from ..study.pipeline.result import Result
+    from ..study.planning.planning import MeasurementPlan
 
 
 def _check_size(
@@ -111,12 +111,12 @@ def plan_command(
     from .._files import write_frame
     from ..measurements.formats.table import DataFile
     from ..mechanisms.registry import with_plugins
-    from ..study.configuration_pool import check_joint_ranges
-    from ..study.inputs import find_study_file, list_input_files
-    from ..study.planning import plan_next
-    from ..study.runner import run_study
-    from ..study.steps import list_steps
-    from ..study.whole_study import read_study_robot, read_whole_study
+    from ..study.inputs.inputs import find_study_file, list_input_files
+    from ..study.inputs.whole_study import read_study_robot, read_whole_study
+    from ..study.pipeline.runner import run_study
+    from ..study.pipeline.steps import list_steps
+    from ..study.planning.configuration_pool import check_joint_ranges
+    from ..study.planning.planning import plan_next
 
     ranges = dict(map(_range, joints))
     if pool_file is not None and (limits or ranges):
@@ -157,8 +157,8 @@ def plan_command(
 
 def _check_pool(pool: DataFile | None, study: Study, robot: Robot) -> None:
     """Refuse a pool that cannot be read before the study runs. Raises DataError."""
-    from ..study.planning import read_pool
-    from ..study.result import find_file_form
+    from ..study.pipeline.result import find_file_form
+    from ..study.planning.planning import read_pool
 
     if pool is None:
         return
@@ -171,8 +171,8 @@ def _print_words(
 ) -> None:
     """Print what is said of a plan, of the rounds of repeats that are asked for, and of a size
     [mm]."""
-    from ..study.learning_curve import describe_size
-    from ..study.planning import format_plan
+    from ..study.planning.learning_curve import describe_size
+    from ..study.planning.planning import format_plan
 
     for line in [*format_plan(planned), *_offer_rounds(planned, repeats)]:
         print_prose(line)

@@ -22,9 +22,9 @@ NUMBERS = "%.9f"  # how they are written
 def simulate_command(study: Path, out: Path, as_json: bool) -> None:
     """Make data with planted effects: [simulate] and [[simulate.effect]] of a study file."""
     from .._files import STUDY_FILE, write_frame
-    from ..study.inputs import list_input_files
+    from ..study.inputs.inputs import list_input_files
+    from ..study.inputs.whole_study import read_whole_study
     from ..study.simulation import simulate_study
-    from ..study.whole_study import read_whole_study
 
     path = study / STUDY_FILE if study.is_dir() else study
     read = read_whole_study(path, measured=False)

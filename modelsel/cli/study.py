@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from ..config.study_file import Study
     from ..mechanisms.registry import Registry
     from ..report.terminal import Amount
-    from ..study.checkpoint import Checkpoint
-    from ..study.result import Result
+    from ..study.pipeline.checkpoint import Checkpoint
+    from ..study.pipeline.result import Result
 
 
 @click.command("study")
@@ -67,10 +67,10 @@ def study_command(
     from .._files import STUDY_FILE, check_writable, claim_folder
     from ..mechanisms.registry import with_plugins
     from ..results.storage import REPORTS, WRITES, find_reports
-    from ..study.checkpoint import Checkpoint
-    from ..study.runner import rehearse_study
-    from ..study.steps import list_steps
-    from ..study.whole_study import read_study_robot, read_whole_study
+    from ..study.inputs.whole_study import read_study_robot, read_whole_study
+    from ..study.pipeline.checkpoint import Checkpoint
+    from ..study.pipeline.runner import rehearse_study
+    from ..study.pipeline.steps import list_steps
 
     path = study / STUDY_FILE if study.is_dir() else study
     read = read_whole_study(path)
@@ -122,7 +122,7 @@ class _Run(NamedTuple):
         Returns the result and the files written."""
         from .._second_process import second_process
         from ..report.imports_ahead import load_drawing
-        from ..study.runner import run_study
+        from ..study.pipeline.runner import run_study
 
         with second_process() as second:
             if self.report:
@@ -142,7 +142,7 @@ class _Run(NamedTuple):
             return result, self._save(result, keeper)
 
     def _sample(self, result: Result, keeper: Checkpoint) -> Result:
-        from ..study.pipeline import sample_posterior
+        from ..study.pipeline.pipeline import sample_posterior
 
         if not self.sampling:
             return result
@@ -227,7 +227,7 @@ def _print_removed(folder: Path, earlier: list[str]) -> None:
 
 def _describe_dry_run(found: dict[str, Any], folder: Path, writes: tuple[str, ...]) -> str:
     """Describe what a study would do and write, followed by its warnings."""
-    from ..study.inspection_text import describe_folds
+    from ..study.inspection.inspection_text import describe_folds
 
     counts = found["configurations"]
     base = ", ".join(found["base"])

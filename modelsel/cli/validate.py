@@ -41,7 +41,7 @@ def validate_command(
     from ..calibration.validation import judge
     from ..calibration.verdict_sentences import describe_verdict
     from ..measurements.reader import read_measurements
-    from ..study.new_study import TOLD_NOTES
+    from ..study.drafts.new_study import TOLD_NOTES
     from ._later_files import count_own, load_later
 
     c = load_calibration(result)

@@ -36,11 +36,11 @@ from ..robot.files import builtin_names, load_robot
 from ..robot.kinematics import Robot
 from ..selection.streaming import Parts, fit_parts, list_parts
 from .found_names import write_found_names
-from .inputs import read_nominal_robot
-from .pipeline import record_provenance
-from .robot_tables import read_any_robot
-from .runner import run_study
+from .inputs.inputs import read_nominal_robot
+from .pipeline.pipeline import record_provenance
+from .pipeline.runner import run_study
 from .scheduler_address import check_scheduler_address
+from .tables.robot_tables import read_any_robot
 
 Row = dict[str, Any]  # of the summary: a value for each of SUMMARY_COLUMNS
 

@@ -29,14 +29,14 @@ from ..mechanisms.cause_formulas import list_members, parse
 from ..mechanisms.terms import Screw, Term
 from ..robot.kinematics import Robot
 from ..setup.feature_positions import place_features
-from .found_problems import name_study_file
-from .inputs import read_known_features, read_nominal_robot
-from .noise_parts import check_parts
-from .own_causes import describe_columns
-from .planted_effects import list_frame_problems, list_motion_problems, tell_cause_problems
-from .preparation import arrange_tools
+from .inputs.found_problems import name_study_file
+from .inputs.inputs import read_known_features, read_nominal_robot
+from .inputs.noise_parts import check_parts
+from .inputs.planted_effects import list_frame_problems, list_motion_problems, tell_cause_problems
+from .inputs.whole_study import open_study
+from .preparation.own_causes import describe_columns
+from .preparation.preparation import arrange_tools
 from .unrepeated import NOTHING, Unrepeated, check_planted_rows, draw_unrepeated
-from .whole_study import open_study
 
 if TYPE_CHECKING:
     import pandas as pd

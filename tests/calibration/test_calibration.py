@@ -29,7 +29,7 @@ from modelsel.mechanisms.environment import zero_step
 from modelsel.mechanisms.registry import every
 from modelsel.mechanisms.serialization import cause_from_record, cause_record
 from modelsel.robot.files import load_robot
-from modelsel.study.runner import run_study
+from modelsel.study.pipeline.runner import run_study
 
 PUMA = Path(__file__).parents[2] / "studies" / "puma760"
 

@@ -46,7 +46,7 @@ from modelsel.mechanisms.terms import Mechanism
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
 from modelsel.robot.rigid import from_quaternion, rotation_vector
-from modelsel.study.runner import run_study
+from modelsel.study.pipeline.runner import run_study
 
 NOISE = 0.06
 STUDY = """name = "engine"

@@ -42,11 +42,16 @@ from modelsel.mechanisms.registry import build_mechanisms, mechanism
 from modelsel.mechanisms.terms import Screw, Term
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
-from modelsel.study.configuration_pool import describe_conditions
-from modelsel.study.learning_curve import describe_size
-from modelsel.study.planned_repeats import MAX_POSTURES, TIMES, format_repeats, plan_repeats
-from modelsel.study.planning import format_plan
-from modelsel.study.rival_sentences import describe_rivals, follows_gravity
+from modelsel.study.planning.configuration_pool import describe_conditions
+from modelsel.study.planning.learning_curve import describe_size
+from modelsel.study.planning.planned_repeats import (
+    MAX_POSTURES,
+    TIMES,
+    format_repeats,
+    plan_repeats,
+)
+from modelsel.study.planning.planning import format_plan
+from modelsel.study.planning.rival_sentences import describe_rivals, follows_gravity
 
 ROBOT = load_robot("puma760")
 GEOMETRY = mechanism("geometric", ROBOT)
@@ -404,8 +409,8 @@ def test_every_target_is_seen_at_every_configuration(rng) -> None:
     """A pool without targets is seen through all of the study's; one that lists them unevenly is
     refused."""
     from modelsel.measurements.measurements import build_measurements
-    from modelsel.study.configuration_pool import repeat_for_targets
-    from modelsel.study.planning import tabulate_configurations
+    from modelsel.study.planning.configuration_pool import repeat_for_targets
+    from modelsel.study.planning.planning import tabulate_configurations
 
     at = drawn(ROBOT, rng, 40, target=["a", "b"] * 20, configuration=np.repeat(np.arange(20), 2))
     q = ROBOT.draw(rng, 7)
@@ -637,7 +642,7 @@ def test_orientations_that_are_measured_are_planned_with(rng) -> None:
 def test_clocks_and_counters_are_no_conditions(rng) -> None:
     """Payload, temperature and what the model looks at are; what the course of the campaign sets
     cannot be set."""
-    from modelsel.study.configuration_pool import keep_conditions
+    from modelsel.study.planning.configuration_pool import keep_conditions
 
     data = drawn(ROBOT, rng, 6).data
     more = {**data.covariates, "stamp": np.arange(6.0), "frames": np.full(6, 183.0)}
@@ -653,7 +658,7 @@ def test_what_to_do_with_conditions_is_said() -> None:
 
 
 def test_small_indices_of_observability_are_written_with_their_powers() -> None:
-    from modelsel.study.planning import _write_index
+    from modelsel.study.planning.planning import _write_index
 
     assert _write_index(4.64e-15) == "4.6e-15"
     assert [_write_index(value) for value in (0.0, 0.0275, 22.68)] == ["0", "0.0275", "22.7"]

@@ -33,8 +33,8 @@ from modelsel.mechanisms.registry import BUILTIN, mechanism
 from modelsel.robot.files import load_robot, robot_from_table
 from modelsel.robot.kinematics import Robot, forward
 from modelsel.robot.urdf import read_urdf_text
-from modelsel.study.result import Result
-from modelsel.study.runner import run_study
+from modelsel.study.pipeline.result import Result
+from modelsel.study.pipeline.runner import run_study
 
 PUMA = Path(__file__).parents[2] / "studies" / "puma760"
 NOISE = 0.02

@@ -22,7 +22,7 @@ from modelsel.measurements.measurements import build_measurements
 from modelsel.measurements.reader import read_measurements
 from modelsel.robot.files import load_robot, read_robot
 from modelsel.robot.kinematics import Robot
-from modelsel.study.runner import run_study
+from modelsel.study.pipeline.runner import run_study
 from modelsel.study.simulation import simulate_points
 
 STUDY = 'name = "a"\n[robot]\nname = "ur10"\n{robot}\n[measurements]\nfile = "{file}"\n{model}'

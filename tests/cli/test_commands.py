@@ -82,7 +82,9 @@ def test_an_output_without_greek_letters_loses_no_more_than_them(tmp_path) -> No
 
 @pytest.mark.integration
 def test_dry_run_computes_and_writes_nothing(tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr("modelsel.study.runner.analyse", lambda *a, **k: pytest.fail("it computed"))
+    monkeypatch.setattr(
+        "modelsel.study.pipeline.runner.analyse", lambda *a, **k: pytest.fail("it computed")
+    )
     said = invoked("study", PUMA, "--dry-run", "--out", tmp_path / "out")
     assert "80 configurations would fit the models, 120 would be held out" in said
     assert "result.json, report.pdf, report.html into" in " ".join(said.split())

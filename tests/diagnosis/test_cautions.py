@@ -28,7 +28,7 @@ from modelsel.results.cautions import advise_nominal, harmful_base_notes, restri
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
 from modelsel.selection.gain import Gain
-from modelsel.study.runner import run_study
+from modelsel.study.pipeline.runner import run_study
 
 STUDY = Path(__file__).parents[2] / "studies" / "puma760"
 ARM = load_robot("ur10")

@@ -30,7 +30,7 @@ from modelsel.results.goodness_of_fit import LackOfFit, lack_of_fit_notes, measu
 from modelsel.robot.kinematics import forward
 from modelsel.selection.evaluation import Split, evaluate
 from modelsel.selection.gain import Gain, OrientationGain
-from modelsel.study.stated_noise import choose_noise_floor
+from modelsel.study.preparation.stated_noise import choose_noise_floor
 from modelsel.uncertainty.parameters import bootstrap_parameters
 from modelsel.uncertainty.significance import assess_significance, compare_nested
 

@@ -13,9 +13,9 @@ from modelsel import Study, load_robot
 from modelsel.diagnosis.candidates.prior_weights import weigh_outcomes
 from modelsel.measurements.reader import read_measurements
 from modelsel.robot.kinematics import forward
-from modelsel.study.own_causes import build_own_candidates
-from modelsel.study.preparation import prepare
-from modelsel.study.runner import rehearse_study
+from modelsel.study.pipeline.runner import rehearse_study
+from modelsel.study.preparation.own_causes import build_own_candidates
+from modelsel.study.preparation.preparation import prepare
 
 PAGE = ROOT / "docs" / "how-to" / "own-causes.md"
 TEXT = PAGE.read_text(encoding="utf-8")

@@ -22,7 +22,7 @@ from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import Robot, pose
 from modelsel.robot.rigid import rotation_matrix
-from modelsel.study.pipeline import analyse
+from modelsel.study.pipeline.pipeline import analyse
 
 ARM = load_robot("puma760")
 NOISE_MM = 0.05

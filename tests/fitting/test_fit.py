@@ -244,7 +244,7 @@ def test_reduction_is_the_gram_matrix(rng) -> None:
 def test_distances_are_from_where_the_tracker_stands(noise) -> None:
     """With or without the instrument's figures."""
     from modelsel import Study, read_measurements
-    from modelsel.study.preparation import prepare
+    from modelsel.study.preparation.preparation import prepare
 
     file = Path(__file__).parents[2] / "studies" / "puma760" / "measurements.csv"
     study = Study(

@@ -25,7 +25,7 @@ from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load_robot
 from modelsel.selection.evaluation import Evaluation, Split, evaluate
-from modelsel.study.study_notes import collect_fit_notes
+from modelsel.study.pipeline.study_notes import collect_fit_notes
 
 ARM = load_robot("puma760")
 ROWS = 1600

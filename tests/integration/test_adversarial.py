@@ -20,8 +20,8 @@ from hidden_effects import one
 from modelsel.config.study_file import parse_study
 from modelsel.measurements.measurements import build_measurements
 from modelsel.robot.kinematics import Robot
-from modelsel.study.pipeline import analyse
-from modelsel.study.result import Result
+from modelsel.study.pipeline.pipeline import analyse
+from modelsel.study.pipeline.result import Result
 
 ROBOT: Robot = replace(small_arm(), gravity=(0.0, 0.0, -1.0))
 TOOL, NOISE = (250.0, -60.0, 90.0), 0.04

@@ -41,7 +41,7 @@ from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.report.html import write_page as page_of
 from modelsel.robot.files import load_robot, robot_from_table
 from modelsel.robot.urdf import read_urdf_text
-from modelsel.study.result import load_result
+from modelsel.study.pipeline.result import load_result
 
 SIGNS = "=+-@\t\r\uff1d\uff0b\uff0d\uff20"
 INSIDE = re.compile(

@@ -50,11 +50,11 @@ from modelsel.selection.cross_validation import fold_by_unit
 from modelsel.selection.evaluation import Split
 from modelsel.selection.splits import assign_folds
 from modelsel.selection.streaming import Parts, list_parts
-from modelsel.study.inputs import read_known_features
-from modelsel.study.inspection import inspect_measurements
-from modelsel.study.inspection_text import format_inspection
-from modelsel.study.preparation import prepare
-from modelsel.study.runner import run_study
+from modelsel.study.inputs.inputs import read_known_features
+from modelsel.study.inspection.inspection import inspect_measurements
+from modelsel.study.inspection.inspection_text import format_inspection
+from modelsel.study.pipeline.runner import run_study
+from modelsel.study.preparation.preparation import prepare
 from modelsel.study.simulation import simulate_readings
 from modelsel.uncertainty.log_posterior import LogPosterior
 from modelsel.uncertainty.nuisance import assign_components

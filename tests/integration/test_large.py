@@ -13,7 +13,7 @@ from modelsel.fitting.shrinkage import fit_shrunk
 from modelsel.measurements.campaign.visits import number_blocks
 from modelsel.mechanisms.causes import q
 from modelsel.selection.gain import ResamplingOptions
-from modelsel.study.runner import run_study
+from modelsel.study.pipeline.runner import run_study
 
 STUDY = """
 name = "large"

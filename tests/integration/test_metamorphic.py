@@ -26,8 +26,8 @@ from modelsel.mechanisms.causes import Named, q, sin
 from modelsel.mechanisms.terms import Screw, Term
 from modelsel.robot.files import robot_from_table
 from modelsel.robot.kinematics import Robot, forward
-from modelsel.study.result import Result
-from modelsel.study.runner import run_study
+from modelsel.study.pipeline.result import Result
+from modelsel.study.pipeline.runner import run_study
 
 DH = (
     (10.0, 300.0, 50.0, -90.0),

@@ -31,7 +31,7 @@ from modelsel.mechanisms.registry import (
 )
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load_robot
-from modelsel.study.runner import run_study
+from modelsel.study.pipeline.runner import run_study
 from modelsel.testing import LawBroken, check_mechanism, find_broken_laws
 
 PUMA = load_robot("puma760")

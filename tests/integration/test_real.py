@@ -11,8 +11,8 @@ import pytest
 
 from modelsel.config.study_file import read_study
 from modelsel.results.repeatability import format_scale
-from modelsel.study.result import Result
-from modelsel.study.runner import run_study
+from modelsel.study.pipeline.result import Result
+from modelsel.study.pipeline.runner import run_study
 
 STUDIES = Path(__file__).parents[2] / "studies"
 DATA = {"wam-tracker": "jacobi-wam", "positioner": "rct-positioner", "tiago-mocap": "tiago-mocap"}

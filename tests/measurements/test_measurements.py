@@ -17,7 +17,7 @@ from modelsel.measurements.campaign.visits import order_units
 from modelsel.measurements.measurements import Measurements, build_measurements
 from modelsel.measurements.reader import read_labels, read_measurements
 from modelsel.robot.files import load_robot
-from modelsel.study.preparation import prepare
+from modelsel.study.preparation.preparation import prepare
 
 Q = "q1_rad,q2_rad"
 PLAIN = f"{Q},x_mm,y_mm,z_mm"

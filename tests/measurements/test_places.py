@@ -14,7 +14,7 @@ from modelsel.measurements.reader import read_measurements
 from modelsel.report import drawing
 from modelsel.report.document import collect_blocks
 from modelsel.robot.files import load_robot
-from modelsel.study.runner import run_study
+from modelsel.study.pipeline.runner import run_study
 from modelsel.study.simulation import simulate_points
 
 

@@ -46,7 +46,7 @@ from modelsel.report.terminal_summary import summarise_study
 from modelsel.results.quantities import format_figure
 from modelsel.results.storage import WRITES
 from modelsel.results.study_sentences import TABLE_PURPOSE
-from modelsel.study.runner import run_study
+from modelsel.study.pipeline.runner import run_study
 
 ROOT = Path(__file__).parents[2]
 PUMA = ROOT / "studies" / "puma760"

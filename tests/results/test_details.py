@@ -24,8 +24,8 @@ from modelsel.results.details import select_rows
 from modelsel.results.finding_schema import EntryRecord, ScrewRecord
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
-from modelsel.study.model_ladder import build_model
-from modelsel.study.runner import run_study
+from modelsel.study.models.model_ladder import build_model
+from modelsel.study.pipeline.runner import run_study
 
 PUMA = Path(__file__).parents[2] / "studies" / "puma760"
 

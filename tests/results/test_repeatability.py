@@ -27,7 +27,7 @@ from modelsel.results.repeatability import (
 )
 from modelsel.results.schema import StudyRecord
 from modelsel.robot.kinematics import Robot, forward
-from modelsel.study.result import Result
+from modelsel.study.pipeline.result import Result
 
 KEYS = {"part", "scale", "unit", "low", "high", "share", "told_by", "instead", "sentence"}
 

@@ -24,7 +24,7 @@ from modelsel.results.residual_table import RESIDUALS, pack_residuals, read_resi
 from modelsel.results.storage import WRITES
 from modelsel.results.tables import TABLES
 from modelsel.robot.files import load_robot
-from modelsel.study.result import Result
+from modelsel.study.pipeline.result import Result
 
 TOML = """name = "arm <b>7</b>"
 seed = 5

@@ -14,7 +14,7 @@ from exact import flanges_of
 from modelsel import Study, run_study
 from modelsel.measurements.reader import read_measurements
 from modelsel.robot.files import load_robot
-from modelsel.study.inspection import inspect_measurements
+from modelsel.study.inspection.inspection import inspect_measurements
 
 ROBOT = load_robot("puma760")
 NOISE = 0.05

@@ -18,7 +18,7 @@ from modelsel.results.placements import describe_placements
 from modelsel.results.schema import BaseRecord
 from modelsel.robot.kinematics import forward
 from modelsel.robot.rigid import from_rpy
-from modelsel.study.runner import run_study
+from modelsel.study.pipeline.runner import run_study
 
 PLACES = {
     "a": ((0.3, -0.5, 2.0), (2500.0, -800.0, 400.0)),

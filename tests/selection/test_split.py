@@ -11,7 +11,7 @@ from modelsel.exceptions import StudyError
 from modelsel.measurements.measurements import Measurements, build_measurements
 from modelsel.robot.files import load_robot
 from modelsel.selection.splits import _exchange, _features, _Shortlist, split_configurations
-from modelsel.study.row_selection import choose_estimation_rows
+from modelsel.study.preparation.row_selection import choose_estimation_rows
 
 ARM = load_robot("puma760")
 TURNS = tuple(j.prismatic for j in ARM.joints)

@@ -35,15 +35,15 @@ from modelsel.setup.mistakes import describe_setup_mistake
 from modelsel.setup.other_robots import describe_other_robot
 from modelsel.setup.registration import register
 from modelsel.setup.target_labels import find_swapped_labels
-from modelsel.study.checks import (
+from modelsel.study.pipeline.result import Result
+from modelsel.study.pipeline.runner import rehearse_study, run_study
+from modelsel.study.preparation.checks import (
     add_alarms_to_errors,
     check_chosen_model,
     check_setup,
     load_builtin_robots,
 )
-from modelsel.study.result import Result
-from modelsel.study.runner import rehearse_study, run_study
-from modelsel.study.stated_noise import note_overlooked_noise
+from modelsel.study.preparation.stated_noise import note_overlooked_noise
 
 NOISE = 0.05
 TOOLS = {"A": (40.0, -25.0, 100.0), "B": (-30.0, 40.0, 80.0)}

@@ -12,7 +12,7 @@ from exact import flanges_of
 
 from modelsel.exceptions import DataError
 from modelsel.robot.files import load_robot
-from modelsel.study.runner import rehearse_study
+from modelsel.study.pipeline.runner import rehearse_study
 
 pytestmark = pytest.mark.slow
 

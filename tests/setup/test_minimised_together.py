@@ -24,7 +24,7 @@ from modelsel.setup.offset_arms import build_nominal_arm
 from modelsel.setup.offset_fits import fit_offsets
 from modelsel.setup.placement import Placed, Sight, compute_misfits, stack_placed, stack_sights
 from modelsel.setup.registration import register, register_each
-from modelsel.study.checks import check_setup
+from modelsel.study.preparation.checks import check_setup
 
 ROBOTS = ("ur5", "ur5e", "ur10", "puma760")
 

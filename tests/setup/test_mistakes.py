@@ -27,9 +27,9 @@ from modelsel.notices import SETUP_MISTAKE
 from modelsel.results.study_sentences import opening_sentences
 from modelsel.robot.files import load_robot
 from modelsel.robot.rigid import from_rpy
-from modelsel.study.inputs import read_inputs
-from modelsel.study.preparation import prepare
-from modelsel.study.runner import run_study
+from modelsel.study.inputs.inputs import read_inputs
+from modelsel.study.pipeline.runner import run_study
+from modelsel.study.preparation.preparation import prepare
 
 STUDIES = Path(__file__).parents[2] / "studies"
 RIGHT_ANGLE = np.pi / 2

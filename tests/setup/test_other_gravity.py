@@ -18,7 +18,7 @@ from modelsel.notices import Note
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import Robot
 from modelsel.setup.other_gravity import OtherGravity, find_other_gravity
-from modelsel.study.gravity_direction import UPWARDS, note_other_gravity
+from modelsel.study.preparation.gravity_direction import UPWARDS, note_other_gravity
 
 ROWS = 100
 STEP = 1e-5

@@ -21,7 +21,7 @@ from modelsel.measurements.reader import read_measurements
 from modelsel.robot.files import load_robot, read_robot
 from modelsel.robot.kinematics import Joint, Robot
 from modelsel.setup.registration import register
-from modelsel.study.preparation import prepare
+from modelsel.study.preparation.preparation import prepare
 
 SIGMA = 0.05
 TOOL = np.array([40.0, -25.0, 100.0])

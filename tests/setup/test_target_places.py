@@ -14,8 +14,8 @@ from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import Measurements, build_measurements
 from modelsel.robot.files import load_robot
 from modelsel.setup.target_places import describe_wrong_targets
-from modelsel.study.checks import check_setup
-from modelsel.study.nominal_misfit import describe_misfit
+from modelsel.study.drafts.nominal_misfit import describe_misfit
+from modelsel.study.preparation.checks import check_setup
 
 ROBOT = load_robot("ur10")
 TARGETS = np.array([[0.0, 0, 120], [640.0, 40, 180]])

@@ -9,8 +9,8 @@ import pytest
 from modelsel.measurements.reader import read_measurements
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
-from modelsel.study.inspection import inspect_measurements
-from modelsel.study.inspection_text import format_inspection
+from modelsel.study.inspection.inspection import inspect_measurements
+from modelsel.study.inspection.inspection_text import format_inspection
 
 NOISE, STATED = 0.03, 0.1
 

@@ -18,7 +18,7 @@ from modelsel.results.cautions import explain_doubted_gravity
 from modelsel.results.finding_records import Finding
 from modelsel.robot.files import load_robot
 from modelsel.selection.gain import Gain
-from modelsel.study.gravity_direction import doubt_gravity
+from modelsel.study.preparation.gravity_direction import doubt_gravity
 
 UPRIGHT = replace(load_robot("ur5"), gravity=(0.0, 0.0, -1.0))
 CONDITION = "This holds only if gravity is [0, 0, -1] in the robot's base frame, which the warnings question."

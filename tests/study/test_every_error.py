@@ -12,9 +12,9 @@ from modelsel.config.study_file import Study, read_study
 from modelsel.exceptions import DataError, StudyError
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
-from modelsel.study.runner import rehearse_study, run_study
+from modelsel.study.inputs.whole_study import read_whole_study
+from modelsel.study.pipeline.runner import rehearse_study, run_study
 from modelsel.study.simulation import simulate_study
-from modelsel.study.whole_study import read_whole_study
 
 PLAIN = """name = "s"
 seed = 1

@@ -7,7 +7,7 @@ import warnings
 import pytest
 
 from modelsel import Study, run_study, simulate_study
-from modelsel.study.result import Result
+from modelsel.study.pipeline.result import Result
 
 TOOL = {"name": "ur5", "tool_mm": [30, 0, 100]}
 OVERSHOOT = {"frame": 4, "axis": "rz", "cause": "approach4", "size": 4e-4}

@@ -36,8 +36,8 @@ from modelsel.robot.files import load_robot
 from modelsel.selection.streaming import Parts, fit_parts, list_parts
 from modelsel.study import fleet_runner as fleets
 from modelsel.study.fleet_runner import FleetOptions, _read_row, cluster, run_fleet, save_summary
-from modelsel.study.result import load_result
-from modelsel.study.runner import run_study
+from modelsel.study.pipeline.result import load_result
+from modelsel.study.pipeline.runner import run_study
 
 pytestmark = pytest.mark.integration
 

@@ -17,7 +17,7 @@ from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.campaign_registry import set_gear_ratios
 from modelsel.mechanisms.registry import BUILTIN, build_mechanisms
 from modelsel.robot.files import load_robot
-from modelsel.study.inputs import read_inputs
+from modelsel.study.inputs.inputs import read_inputs
 from modelsel.study.simulation import simulate_points
 
 RATIOS = (121.0, 121.0, 401.0, 81.0, 80.0, 0.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-from modelsel.study.planning import _format_indices
+from modelsel.study.planning.planning import _format_indices
 
 
 def test_indices_of_observability_are_told_in_words() -> None:

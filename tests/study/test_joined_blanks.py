@@ -12,8 +12,8 @@ from exact import flanges_of
 from modelsel.exceptions import DataError
 from modelsel.measurements.formats.table import DataFile
 from modelsel.robot.files import load_robot
-from modelsel.study.joined_study import draft_joined_study
-from modelsel.study.new_study import StudyDraft
+from modelsel.study.drafts.joined_study import draft_joined_study
+from modelsel.study.drafts.new_study import StudyDraft
 
 ROWS = 30
 AXES = ("X [mm]", "Y [mm]", "Z [mm]")

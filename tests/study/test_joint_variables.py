@@ -9,7 +9,7 @@ import pytest
 from modelsel.exceptions import StudyError
 from modelsel.robot.kinematics import forward
 from modelsel.robot.rigid import rotation_matrix, transform
-from modelsel.study.robot_tables import read_robot_table
+from modelsel.study.tables.robot_tables import read_robot_table
 
 TOOL = np.array([30.0, -20.0, 80.0])
 KUKA = """KR 6 Parameter (klassisch)

@@ -19,7 +19,7 @@ from modelsel.measurements.formats.table import DataFile
 from modelsel.measurements.measurements import build_measurements
 from modelsel.measurements.reader import read_measurements
 from modelsel.robot.files import load_robot
-from modelsel.study.joined_study import draft_joined_study
+from modelsel.study.drafts.joined_study import draft_joined_study
 from modelsel.study.simulation import simulate_points
 
 ROWS = 60

@@ -14,8 +14,8 @@ from modelsel.exceptions import NotEstimable
 from modelsel.fitting.problem import Problem
 from modelsel.mechanisms.registry import BUILTIN
 from modelsel.setup.registration import register
-from modelsel.study.model_ladder import build_model, build_nominal
-from modelsel.study.preparation import _check_enough_configurations
+from modelsel.study.models.model_ladder import build_model, build_nominal
+from modelsel.study.preparation.preparation import _check_enough_configurations
 
 TOOLS = np.array([[30.0, 0, 100], [-40, 20, 60]])
 

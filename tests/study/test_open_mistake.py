@@ -15,9 +15,9 @@ from modelsel.mechanisms.registry import BUILTIN
 from modelsel.results.study_sentences import opening_sentences
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
-from modelsel.study.pipeline import sample_posterior
-from modelsel.study.result import Result, load_result
-from modelsel.study.runner import rehearse_study, run_study
+from modelsel.study.pipeline.pipeline import sample_posterior
+from modelsel.study.pipeline.result import Result, load_result
+from modelsel.study.pipeline.runner import rehearse_study, run_study
 
 pytestmark = pytest.mark.integration  # whole studies
 ROBOT = "ur5"

@@ -13,9 +13,9 @@ from modelsel.exceptions import StudyError
 from modelsel.mechanisms.registry import BUILTIN
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import pose
-from modelsel.study.inputs import read_inputs
+from modelsel.study.inputs.inputs import read_inputs
+from modelsel.study.inspection.study_inspection import inspect_study
 from modelsel.study.simulation import simulate_study
-from modelsel.study.study_inspection import inspect_study
 
 WIDTH = 0.5
 STUDY = """

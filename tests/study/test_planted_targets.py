@@ -18,8 +18,8 @@ from modelsel.cli.main import run_command_line
 from modelsel.exceptions import StudyError
 from modelsel.results.finding_advice import advise
 from modelsel.results.reading import read_records
-from modelsel.study.result import Result
-from modelsel.study.runner import run_study
+from modelsel.study.pipeline.result import Result
+from modelsel.study.pipeline.runner import run_study
 from modelsel.study.simulation import simulate_study
 
 SIZE = 0.3

@@ -11,8 +11,8 @@ from modelsel.calibration.command_notes import find_past_limits
 from modelsel.measurements.measurements import build_measurements
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
-from modelsel.study.inspection import inspect_measurements
-from modelsel.study.inspection_text import format_inspection
+from modelsel.study.inspection.inspection import inspect_measurements
+from modelsel.study.inspection.inspection_text import format_inspection
 
 
 @pytest.mark.slow

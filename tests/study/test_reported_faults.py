@@ -8,7 +8,7 @@ import pytest
 from modelsel.diagnosis.candidates.fault_kinds import FaultKind
 from modelsel.diagnosis.faults.data_faults import Fault
 from modelsel.notices import Note
-from modelsel.study.checks import drop_known_faults
+from modelsel.study.preparation.checks import drop_known_faults
 
 SWAPPED = Fault(FaultKind.SWAPPED_REFLECTORS, np.array([40, 41]), "swapped.", 0.001, 0.99)
 

@@ -12,7 +12,7 @@ from modelsel.config.study_file import Study
 from modelsel.exceptions import StudyError
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
-from modelsel.study.runner import run_study
+from modelsel.study.pipeline.runner import run_study
 
 TOOL = (120.0, 40.0, 80.0)
 POSTURES, TIMES, SIGMA = 50, 4, 0.03

@@ -22,7 +22,7 @@ from modelsel.results.goodness_of_fit import measure_lack_of_fit
 from modelsel.results.repeatability import measure_unrepeated
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
-from modelsel.study.stated_noise import check_stated_noise
+from modelsel.study.preparation.stated_noise import check_stated_noise
 
 ARM = load_robot("puma560")
 

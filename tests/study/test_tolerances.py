@@ -11,7 +11,7 @@ from modelsel.fitting.design import Model
 from modelsel.fitting.noise import Floor
 from modelsel.mechanisms.registry import mechanism
 from modelsel.selection.evaluation import Evaluation, Split, evaluate
-from modelsel.study.checks import check_chosen_model
+from modelsel.study.preparation.checks import check_chosen_model
 
 pytestmark = pytest.mark.unit
 

@@ -24,7 +24,7 @@ from fuzz_base import base_files
 
 from modelsel.cli.main import run_command_line
 from modelsel.exceptions import StudyError
-from modelsel.study.result import load_result
+from modelsel.study.pipeline.result import load_result
 
 ON_DISK = ("os.rename", "os.remove", "os.mkdir", "os.rmdir")
 WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT
@@ -132,7 +132,7 @@ def run(place: Path, kills: int, rng: np.random.Generator, sampling: bool) -> di
         (place / name).write_bytes(content)
     words = ["study", str(place / "study.toml"), "--no-report", "--out"]
     if sampling:
-        from modelsel.study import checkpoint, pipeline
+        from modelsel.study.pipeline import checkpoint, pipeline
         from modelsel.uncertainty.sampling_options import SamplingOptions
 
         options = SamplingOptions(min_times=2, max_r_hat=100.0, max_evaluations=0)

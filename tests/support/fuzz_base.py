@@ -15,7 +15,7 @@ from modelsel.config.study_file import parse_study
 from modelsel.robot.files import read_robot
 from modelsel.robot.kinematics import forward
 from modelsel.robot.urdf_writer import write_urdf
-from modelsel.study.runner import run_study
+from modelsel.study.pipeline.runner import run_study
 from modelsel.study.simulation import simulate_study
 
 ROBOT = """name = "arm3"

@@ -64,7 +64,7 @@ def load(folder: Path) -> None:
     """Every table of a stored result, as JSON."""
     from modelsel.cli._options import print_json
     from modelsel.results.tables import TABLES
-    from modelsel.study.result import load_result
+    from modelsel.study.pipeline.result import load_result
 
     found = load_result(folder)
     tables = {what: found.to_frame(what).to_dict("split") for what in (*TABLES, "residuals")}

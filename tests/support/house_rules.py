@@ -48,6 +48,16 @@ INNER_FLOORS = {
         "faults",
         "findings",
     ),
+    "study": (
+        "tables",
+        "preparation",
+        "inputs",
+        "models",
+        "pipeline",
+        "planning",
+        "inspection",
+        "drafts",
+    ),
 }
 BASE = (
     "exceptions",

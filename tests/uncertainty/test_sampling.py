@@ -35,7 +35,7 @@ from modelsel.mechanisms.registry import BUILTIN, mechanism
 from modelsel.results.storage import WRITES
 from modelsel.robot.kinematics import forward
 from modelsel.robot.rigid import from_rpy
-from modelsel.study.checkpoint import Checkpoint
+from modelsel.study.pipeline.checkpoint import Checkpoint
 from modelsel.uncertainty.log_posterior import TAIL, LogPosterior
 from modelsel.uncertainty.mcmc import (
     autocorrelation_time,
@@ -553,7 +553,7 @@ def invoke(
     options = replace(SHORT, max_evaluations=0, max_steps=max_steps)
     for step in (build_log_posterior, sample_confidence):
         brief = partial(step, options=options)
-        monkeypatch.setattr(f"modelsel.study.pipeline.{step.__name__}", brief)
+        monkeypatch.setattr(f"modelsel.study.pipeline.pipeline.{step.__name__}", brief)
     monkeypatch.setattr(sys, "argv", ["modelsel", *arguments])
     done = CliRunner().invoke(run_command_line, list(arguments))
     return done.exit_code, done.output

@@ -1,0 +1,1 @@
+"""What a robot, a file of measurements or a study holds, before anything is fitted."""

@@ -1,0 +1,1 @@
+"""The steps of a study, from its measurements to its result."""

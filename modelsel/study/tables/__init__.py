@@ -1,0 +1,1 @@
+"""A robot from a table of DH parameters, as people have it."""
