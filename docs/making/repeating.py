@@ -15,8 +15,8 @@ from modelsel.fitting.design import residuals
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.report.figures.error_parts import draw_error_parts
-from modelsel.results.repeatability import write_repeatability_lines
-from modelsel.results.schema import ErrorPartRecord
+from modelsel.results.repeatability.repeatability import write_repeatability_lines
+from modelsel.results.schemas.schema import ErrorPartRecord
 from modelsel.robot.kinematics import forward
 
 POSTURES, ROUNDS = 30, 3

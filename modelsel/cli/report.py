@@ -22,8 +22,8 @@ from ._options import (
 
 if TYPE_CHECKING:
     from .._typing import Say
-    from ..results.details_schema import DetailsRecord
-    from ..results.schema import StudyRecord
+    from ..results.schemas.details_schema import DetailsRecord
+    from ..results.schemas.schema import StudyRecord
 
 
 @click.command("report")

@@ -16,10 +16,14 @@ from ..calibration.change_sentences import describe_change, write_p
 from ..calibration.comparison_sentences import COVERAGE, MIN_MOVE_MM, describe_comparison
 from ..calibration.target_changes import TargetChange
 from ..exceptions import count_words
-from ..results.details_schema import DetailsRecord
-from ..results.quantities import format_figure
-from ..results.schema import StudyRecord
-from ..results.study_sentences import describe_probability, describe_split, opening_sentences
+from ..results.numbers.quantities import format_figure
+from ..results.schemas.details_schema import DetailsRecord
+from ..results.schemas.schema import StudyRecord
+from ..results.sentences.study_sentences import (
+    describe_probability,
+    describe_split,
+    opening_sentences,
+)
 from .html_parts import write_html_table, write_paragraph
 from .style import choose_unit
 

@@ -12,8 +12,8 @@ from .._progress import News, keep_silent
 from .._typing import Say
 from ..exceptions import StudyError, suggest
 from ..measurements.formats.row_places import Where, where_from_record
-from ..results.details_schema import DetailsRecord
-from ..results.schema import StudyRecord
+from ..results.schemas.details_schema import DetailsRecord
+from ..results.schemas.schema import StudyRecord
 
 Block = dict[str, Any]
 # kinds of blocks that words may introduce

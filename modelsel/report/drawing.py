@@ -11,9 +11,9 @@ from .._files import write_all
 from .._progress import News, keep_silent
 from .._second_process import Collect, SecondProcess
 from .._typing import Say
-from ..results.details_schema import DetailsRecord
 from ..results.reading import read_records
-from ..results.schema import StudyRecord
+from ..results.schemas.details_schema import DetailsRecord
+from ..results.schemas.schema import StudyRecord
 from ..results.storage import REPORTS, SOME_PAGES, SUMMARY_FILE
 from .document import Block, Page, Source, collect_blocks
 from .html import write_page

@@ -4,8 +4,13 @@ from __future__ import annotations
 
 from html import escape
 
-from ..results.schema import StudyRecord
-from ..results.study_sentences import SETS_PURPOSE, SETS_TITLE, describe_sets, format_weight
+from ..results.schemas.schema import StudyRecord
+from ..results.sentences.study_sentences import (
+    SETS_PURPOSE,
+    SETS_TITLE,
+    describe_sets,
+    format_weight,
+)
 from .html_parts import write_html_table, write_paragraph
 
 COLUMNS = (("effects", "left"), ("probability", "right"))

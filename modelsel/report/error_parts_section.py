@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from html import escape
 
-from ..results.repeatability import round_digits
-from ..results.schema import ErrorPartRecord
+from ..results.repeatability.repeatability import round_digits
+from ..results.schemas.schema import ErrorPartRecord
 from .figures.error_parts import measure_axis, scale_intervals
 from .pages.error_budget import COLUMNS, EXPLANATION, SHARES, TITLE, tabulate_parts
 from .style import choose_unit

@@ -11,13 +11,13 @@ from string import Template
 from typing import Any
 
 from ..diagnosis.findings.sentences import PREFIXES
-from ..results.details_schema import DetailsRecord
-from ..results.finding_advice import advise
-from ..results.finding_schema import EntryRecord, FindingRecord
-from ..results.placements import describe_placements
-from ..results.schema import RegistrationRecord, StudyRecord
-from ..results.small_findings import split_findings
-from ..results.study_sentences import (
+from ..results.conclusions.placements import describe_placements
+from ..results.schemas.details_schema import DetailsRecord
+from ..results.schemas.finding_schema import EntryRecord, FindingRecord
+from ..results.schemas.schema import RegistrationRecord, StudyRecord
+from ..results.sentences.finding_advice import advise
+from ..results.sentences.small_findings import split_findings
+from ..results.sentences.study_sentences import (
     describe_doubt,
     describe_split,
     label_entries,
@@ -25,7 +25,7 @@ from ..results.study_sentences import (
     weigh_listed_record,
     write_figures,
 )
-from ..results.tables import label_ladder
+from ..results.sentences.tables import label_ladder
 from .document import Source
 from .effect_sets_section import write_effect_sets
 from .error_parts_section import write_error_parts

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 
-from ..results.schema import StudyRecord
+from ..results.schemas.schema import StudyRecord
 from .document import Block, Source
 from .html_parts import keep_units, write_html_table, write_paragraph
 from .pages.appendix import write_outliers_page

@@ -7,8 +7,8 @@ from base64 import b64encode
 from html import escape
 
 from ..fitting.undetermined import write_unidentifiable
-from ..results.parameter_table import PARAMETER_COLUMNS, tabulate_calibrated
-from ..results.schema import StudyRecord
+from ..results.schemas.schema import StudyRecord
+from ..results.sentences.parameter_table import PARAMETER_COLUMNS, tabulate_calibrated
 from .document import Source
 from .html_parts import write_html_table, write_paragraph
 from .pages.calibrated import TITLE, caption_parameters, write_frames_figure

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..exceptions import ModelselError
-from ..results.schema import StudyRecord
+from ..results.schemas.schema import StudyRecord
 from .document import Block, Source
 from .section_order import Section, arrange, split_sections
 from .style import shorten

@@ -11,11 +11,12 @@ from ..exceptions import count_words, number_repeated, sentence_list, write_numb
 from ..fitting.undetermined import write_unidentifiable
 from ..measurements.formats.row_places import where_from_record
 from ..notices import ALARMS
-from ..results.details_schema import DetailsRecord
-from ..results.placements import describe_placements
-from ..results.repeatability import write_repeatability_lines
-from ..results.schema import StudyRecord
-from ..results.study_sentences import (
+from ..results.conclusions.placements import describe_placements
+from ..results.repeatability.repeatability import write_repeatability_lines
+from ..results.repeatability.unsure_joints import describe_noise_floor
+from ..results.schemas.details_schema import DetailsRecord
+from ..results.schemas.schema import StudyRecord
+from ..results.sentences.study_sentences import (
     describe_feature,
     describe_outliers,
     describe_predictable,
@@ -26,7 +27,6 @@ from ..results.study_sentences import (
     write_finding_lines,
     write_sampling_sentences,
 )
-from ..results.unsure_joints import describe_noise_floor
 from .terminal_summary import summarise_study, write_closing
 from .terminal_tables import show_tables
 from .text_tables import fold_text

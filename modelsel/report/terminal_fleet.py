@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..results.study_sentences import format_mm
+from ..results.sentences.study_sentences import format_mm
 from .text_tables import Row, fold_text, write_table
 
 # columns of errors

@@ -11,13 +11,13 @@ from ..diagnosis.findings.stated_probability import format_probability
 from ..exceptions import choice_list, sentence_list
 from ..measurements.formats.row_places import where_from_record
 from ..notices import ALARMS
-from ..results.details_schema import DetailsRecord, FindingDetailsRecord
-from ..results.finding_schema import BEYOND, BEYOND_WORDS, FindingRecord
-from ..results.quantities import format_figure
-from ..results.repeatability import summarise_repeatability
-from ..results.schema import StudyRecord
-from ..results.small_findings import find_named, split_findings, write_sum
-from ..results.study_sentences import (
+from ..results.numbers.quantities import format_figure
+from ..results.repeatability.repeatability import summarise_repeatability
+from ..results.schemas.details_schema import DetailsRecord, FindingDetailsRecord
+from ..results.schemas.finding_schema import BEYOND, BEYOND_WORDS, FindingRecord
+from ..results.schemas.schema import StudyRecord
+from ..results.sentences.small_findings import find_named, split_findings, write_sum
+from ..results.sentences.study_sentences import (
     describe_name_probability,
     describe_outliers,
     describe_predictable,

@@ -11,9 +11,9 @@ import numpy as np
 from .._short_numbers import round_numbers
 from .._typing import Array
 from ..exceptions import write_rounded
-from ..results.model_schema import SignificanceRecord
-from ..results.schema import ErrorMapRecord, StudyRecord
-from ..results.study_sentences import (
+from ..results.schemas.model_schema import SignificanceRecord
+from ..results.schemas.schema import ErrorMapRecord, StudyRecord
+from ..results.sentences.study_sentences import (
     NOMINAL_CAVEAT,
     SETS_PURPOSE,
     SETS_TITLE,
@@ -27,7 +27,7 @@ from ..results.study_sentences import (
     format_weight,
     list_errors,
 )
-from ..results.tables import label_ladder
+from ..results.sentences.tables import label_ladder
 from .text_tables import Row, Span, fold_text, write_table
 
 if TYPE_CHECKING:

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence, Sized
 
-from .details_schema import DetailsRecord
-from .schema import StudyRecord
+from .schemas.details_schema import DetailsRecord
+from .schemas.schema import StudyRecord
 
 Count = tuple[str, int, int]  # place, expected, actual
 

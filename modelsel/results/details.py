@@ -18,14 +18,14 @@ from ..fitting.design import directions, field_of, residuals
 from ..fitting.problem import Problem
 from ..measurements.campaign.reference_temperature import TEMPERATURE
 from ..measurements.measurements import Measurements
-from .arm_details import describe_arm, describe_meanings, find_middling_row
-from .details_schema import DetailsRecord
-from .finding_postures import describe_postures
-from .map_details import describe_map
-from .mechanism_cards import describe_cards, key_cards, list_finding_cards
-from .panels import describe_panels
+from .pictures.arm_details import describe_arm, describe_meanings, find_middling_row
+from .pictures.finding_postures import describe_postures
+from .pictures.panels import describe_panels
 from .reading import SCHEMA
-from .study_run import StudyRun
+from .runs.map_details import describe_map
+from .runs.mechanism_cards import describe_cards, key_cards, list_finding_cards
+from .runs.study_run import StudyRun
+from .schemas.details_schema import DetailsRecord
 
 # rows drawn: more say nothing more to the eye and make the page heavy
 MAX_DRAWN_ROWS = 480

@@ -10,8 +10,8 @@ from .._json import parse_json, read_json_text
 from .._records import StrictRecord, parse_record
 from ..exceptions import StudyError
 from .agreement import find_disagreement
-from .details_schema import DetailsRecord
-from .schema import StudyRecord
+from .schemas.details_schema import DetailsRecord
+from .schemas.schema import StudyRecord
 
 SCHEMA = 1
 REMEDY = "modelsel study STUDY.toml --out DIR makes it"

@@ -24,25 +24,30 @@ from ..notices import HOPELESS_FIT, Note
 from ..selection.branch_and_bound import Certified
 from ..selection.comparison import SubsetComparison
 from ..selection.evaluation import Evaluation, measure_orientation
-from .cautions import (
+from .conclusions.cautions import (
     advise_nominal,
     explain_doubted_gravity,
     explain_open_mistake,
     explain_unknown_gravity,
 )
-from .finding_figures import FindingFigures, describe_figures, describe_small, measure_effects
-from .finding_records import describe_fault, describe_finding, list_screws
-from .goodness_of_fit import describe_noise, locate_features, measure_lack_of_fit
-from .largest_geometric_error import describe_largest_error
-from .placements import locate_placements
+from .conclusions.finding_figures import (
+    FindingFigures,
+    describe_figures,
+    describe_small,
+    measure_effects,
+)
+from .conclusions.goodness_of_fit import describe_noise, locate_features, measure_lack_of_fit
+from .conclusions.largest_geometric_error import describe_largest_error
+from .conclusions.placements import locate_placements
+from .conclusions.verdict import Named, NamedErrors, Noise, complete_verdict, write_verdict
 from .reading import SCHEMA
-from .repeatability import describe_errors, measure_unrepeated
-from .rounded_readings import find_rounding
-from .schema import StudyRecord
-from .study_run import Explanation, ModelSearch, StudyRun
-from .unstated_gears import find_unstated_gears
-from .unsure_joints import tell_unsure
-from .verdict import Named, NamedErrors, Noise, complete_verdict, write_verdict
+from .repeatability.repeatability import describe_errors, measure_unrepeated
+from .repeatability.rounded_readings import find_rounding
+from .repeatability.unstated_gears import find_unstated_gears
+from .repeatability.unsure_joints import tell_unsure
+from .runs.finding_records import describe_fault, describe_finding, list_screws
+from .runs.study_run import Explanation, ModelSearch, StudyRun
+from .schemas.schema import StudyRecord
 
 Values = dict[str, Any]
 

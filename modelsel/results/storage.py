@@ -14,10 +14,10 @@ from ..calibration.calibration import Calibration
 from ..calibration.calibration_file import CALIBRATION_FILE, calibration_text
 from ..calibration.loading import load_calibration
 from ..exceptions import StudyError
-from .details_schema import DetailsRecord
 from .reading import read_records
 from .residual_table import RESIDUALS, ResidualColumns, pack_residuals, read_residuals
-from .schema import StudyRecord
+from .schemas.details_schema import DetailsRecord
+from .schemas.schema import StudyRecord
 
 WRITES = (
     RESIDUALS,

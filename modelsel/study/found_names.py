@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from .._records import parse_record
-from ..results.finding_schema import FindingRecord
+from ..results.schemas.finding_schema import FindingRecord
 
 DOUBTFUL, OPEN = "doubtful", "name not proven"
 

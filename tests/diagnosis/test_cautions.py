@@ -24,7 +24,11 @@ from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import Applied, Named, q, sin
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
-from modelsel.results.cautions import advise_nominal, harmful_base_notes, restriction_notes
+from modelsel.results.conclusions.cautions import (
+    advise_nominal,
+    harmful_base_notes,
+    restriction_notes,
+)
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
 from modelsel.selection.gain import Gain

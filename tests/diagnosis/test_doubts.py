@@ -24,9 +24,13 @@ from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import Bump
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
-from modelsel.results.finding_notes import opposed_finding_notes
-from modelsel.results.finding_records import Finding, describe_fault
-from modelsel.results.goodness_of_fit import LackOfFit, lack_of_fit_notes, measure_lack_of_fit
+from modelsel.results.conclusions.finding_notes import opposed_finding_notes
+from modelsel.results.conclusions.goodness_of_fit import (
+    LackOfFit,
+    lack_of_fit_notes,
+    measure_lack_of_fit,
+)
+from modelsel.results.runs.finding_records import Finding, describe_fault
 from modelsel.robot.kinematics import forward
 from modelsel.selection.evaluation import Split, evaluate
 from modelsel.selection.gain import Gain, OrientationGain
@@ -161,14 +165,14 @@ def test_no_test_against_what_is_estimated(rng) -> None:
 def test_a_finding_that_held_out_rows_speak_against(interval, said, monkeypatch) -> None:
     effect = SimpleNamespace(label="play")
     monkeypatch.setattr(
-        "modelsel.results.finding_records.describe_proven",
+        "modelsel.results.runs.finding_records.describe_proven",
         lambda _, doubt: f"Joint 2 has play, {doubt}.",
     )
     monkeypatch.setattr(
-        "modelsel.results.finding_records.list_usual_causes", lambda _: ("gear", "key")
+        "modelsel.results.runs.finding_records.list_usual_causes", lambda _: ("gear", "key")
     )
     is_proven = True
-    monkeypatch.setattr("modelsel.results.finding_records.is_settled", lambda _: is_proven)
+    monkeypatch.setattr("modelsel.results.runs.finding_records.is_settled", lambda _: is_proven)
     finding = Finding(effect, Gain(0.1, 0.12, interval))
     assert finding.doubtful
     doubt = (

@@ -51,9 +51,9 @@ def floors() -> str:
     one are below it."""
     lines = []
     for folder in FLOORS[1:]:
-        lines.append(f"{folder + '/':15}{first_line(folder)}")
+        lines.append(f"{folder + '/':17}{first_line(folder)}")
         lines += [
-            f"{f'  {inner}/':15}{first_line(f'{folder}/{inner}')}"
+            f"{f'  {inner}/':17}{first_line(f'{folder}/{inner}')}"
             for inner in INNER_FLOORS.get(folder, ())
         ]
     return "\n".join(lines) + "\n"

@@ -19,7 +19,7 @@ from modelsel.fitting.possible_parts import (
     MIN_LEVELS,
 )
 from modelsel.measurements.campaign.visits import SAME_READING
-from modelsel.results.repeatability import LABELS
+from modelsel.results.repeatability.repeatability import LABELS
 
 PAGE = ROOT / "docs" / "how-to" / "repeatability.md"
 POSTURES, ROUNDS, SECONDS = 30, 3, 13

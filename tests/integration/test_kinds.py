@@ -42,7 +42,7 @@ from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.geometry import build_setup
 from modelsel.mechanisms.registry import build_mechanisms, mechanism
 from modelsel.mechanisms.terms import FixtureTerm, Screw, Term
-from modelsel.results.goodness_of_fit import lack_of_fit_notes, measure_lack_of_fit
+from modelsel.results.conclusions.goodness_of_fit import lack_of_fit_notes, measure_lack_of_fit
 from modelsel.results.storage import details_text
 from modelsel.robot.files import load_robot
 from modelsel.selection.cross_validation import fold as fold_scene

@@ -23,7 +23,7 @@ from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import q, sin
 from modelsel.mechanisms.registry import build_mechanisms, every, mechanism
-from modelsel.results.finding_notes import partial_map_notes
+from modelsel.results.conclusions.finding_notes import partial_map_notes
 from modelsel.robot.files import load_robot, robot_from_table
 from modelsel.robot.kinematics import Robot, forward
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from modelsel.config.study_file import read_study
-from modelsel.results.repeatability import format_scale
+from modelsel.results.repeatability.repeatability import format_scale
 from modelsel.study.pipeline.result import Result
 from modelsel.study.pipeline.runner import run_study
 

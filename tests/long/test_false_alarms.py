@@ -33,7 +33,7 @@ from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import q
 from modelsel.mechanisms.registry import every, mechanism
-from modelsel.results.finding_notes import uneven_noise_notes
+from modelsel.results.conclusions.finding_notes import uneven_noise_notes
 from modelsel.robot.kinematics import Robot, forward
 from modelsel.selection.evaluation import Split
 from modelsel.uncertainty.parameters import Parameter, bootstrap_parameters, describe_parameters

@@ -20,7 +20,7 @@ from modelsel.mechanisms.causes import q
 from modelsel.mechanisms.registry import BUILTIN, PerJoint
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.report.drawing import PAGES
-from modelsel.results.tables import TABLES
+from modelsel.results.sentences.tables import TABLES
 from modelsel.testing import LawBroken, check_mechanism
 
 ARM = small_arm()

@@ -9,8 +9,8 @@ from builders import drawn
 from modelsel.config.study_file import parse_study
 from modelsel.fitting.design import Model
 from modelsel.mechanisms.registry import mechanism
-from modelsel.results.finding_schema import EntryRecord
-from modelsel.results.schema import ProvenanceRecord, WarningRecord
+from modelsel.results.schemas.finding_schema import EntryRecord
+from modelsel.results.schemas.schema import ProvenanceRecord, WarningRecord
 from modelsel.robot.files import builtin_names, load_robot
 from modelsel.selection.evaluation import Split, evaluate
 

@@ -18,8 +18,8 @@ from modelsel.report.figures.error_parts import MAX_REACH, measure_axis, scale_i
 from modelsel.report.html import write_page
 from modelsel.report.pages.error_budget import TITLE, tabulate_parts, write_repeatability_page
 from modelsel.report.pdf import compile_pdf, fill_template
-from modelsel.results.repeatability import compute_target_rms
-from modelsel.results.schema import ErrorPartRecord
+from modelsel.results.repeatability.repeatability import compute_target_rms
+from modelsel.results.schemas.schema import ErrorPartRecord
 
 HARDLY_KNOWN = part("joint 9", 1e-5, 4.5e-6, 3.1e-4, share=0.1)
 

@@ -13,9 +13,9 @@ from report_studies import source_of, terminal_lines, written
 from modelsel.report import drawing
 from modelsel.report.document import Source, collect_blocks, use_minus, walk_blocks
 from modelsel.report.html import write_page
-from modelsel.results.small_findings import MIN_GROUPED, split_findings
-from modelsel.results.study_sentences import write_figures, write_levels
-from modelsel.results.tables import write_notebook_page
+from modelsel.results.sentences.small_findings import MIN_GROUPED, split_findings
+from modelsel.results.sentences.study_sentences import write_figures, write_levels
+from modelsel.results.sentences.tables import write_notebook_page
 
 SUM = "Three smaller errors, 0.0213 mm rms together: some names."
 

@@ -10,7 +10,7 @@ from report_studies import read_source, source_of, written
 from modelsel.report.figures.ladder import draw_ladder
 from modelsel.report.pages.front import describe_own_motion, describe_zone, write_first_page
 from modelsel.report.pages.parameter_uncertainty import _write_quantiles
-from modelsel.results.model_schema import QuantilesRecord
+from modelsel.results.schemas.model_schema import QuantilesRecord
 
 SLIDE, TURN = SimpleNamespace(unit="mm"), SimpleNamespace(unit="rad")
 

@@ -18,8 +18,8 @@ from modelsel.report.pages.parameter_uncertainty import (
     tabulate_quantiles,
     write_posterior_page,
 )
-from modelsel.results.finding_advice import advise
-from modelsel.results.parameter_table import PARAMETER_COLUMNS, tabulate_calibrated
+from modelsel.results.sentences.finding_advice import advise
+from modelsel.results.sentences.parameter_table import PARAMETER_COLUMNS, tabulate_calibrated
 
 WIDTHS = (1400, 420)
 AXES = ("tx", "ty", "tz", "rx", "ry", "rz")

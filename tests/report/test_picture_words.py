@@ -23,9 +23,9 @@ from modelsel.report.pages.parameter_uncertainty import (
 )
 from modelsel.report.pdf import fill_template
 from modelsel.report.style import shorten, shorten_clause
-from modelsel.results.details_schema import ArmRecord
-from modelsel.results.model_schema import QuantilesRecord, TraceRecord
-from modelsel.results.quantities import format_figure
+from modelsel.results.numbers.quantities import format_figure
+from modelsel.results.schemas.details_schema import ArmRecord
+from modelsel.results.schemas.model_schema import QuantilesRecord, TraceRecord
 
 LEFT = np.array([-1.0, 0.2])
 NOTHING = np.zeros((0, 2))

@@ -43,9 +43,9 @@ from modelsel.report.pdf import (
     find_missing_letters,
 )
 from modelsel.report.terminal_summary import summarise_study
-from modelsel.results.quantities import format_figure
+from modelsel.results.numbers.quantities import format_figure
+from modelsel.results.sentences.study_sentences import TABLE_PURPOSE
 from modelsel.results.storage import WRITES
-from modelsel.results.study_sentences import TABLE_PURPOSE
 from modelsel.study.pipeline.runner import run_study
 
 ROOT = Path(__file__).parents[2]

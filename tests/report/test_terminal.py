@@ -19,10 +19,10 @@ from modelsel.report.terminal import WIDTH, Amount, show_study
 from modelsel.report.terminal_fleet import write_fleet
 from modelsel.report.terminal_summary import _describe_standing
 from modelsel.report.text_tables import Row, Span, write_numbered_tables, write_table
-from modelsel.results.finding_schema import BEYOND_WORDS
-from modelsel.results.quantities import format_figure
-from modelsel.results.small_findings import choose_shown, find_named
-from modelsel.results.study_sentences import describe_name_probability, format_mm
+from modelsel.results.numbers.quantities import format_figure
+from modelsel.results.schemas.finding_schema import BEYOND_WORDS
+from modelsel.results.sentences.small_findings import choose_shown, find_named
+from modelsel.results.sentences.study_sentences import describe_name_probability, format_mm
 
 SCREEN = 40
 

@@ -19,11 +19,16 @@ from modelsel.report.comparison_page import _write_finding
 from modelsel.report.document import Source, collect_blocks
 from modelsel.report.pages.findings import describe_proof
 from modelsel.report.terminal_summary import summarise_study
-from modelsel.results.finding_advice import advise
-from modelsel.results.finding_figures import Figures, FindingFigures, Turning, describe_small
-from modelsel.results.study_sentences import write_figures
-from modelsel.results.tables import FINDING_COLUMNS, TABLES
-from modelsel.results.verdict import Named
+from modelsel.results.conclusions.finding_figures import (
+    Figures,
+    FindingFigures,
+    Turning,
+    describe_small,
+)
+from modelsel.results.conclusions.verdict import Named
+from modelsel.results.sentences.finding_advice import advise
+from modelsel.results.sentences.study_sentences import write_figures
+from modelsel.results.sentences.tables import FINDING_COLUMNS, TABLES
 
 TURNED = "at most 0.310 mrad (95 %: 0.200 to 0.420) of the target's orientation, where"
 STILL = "the target's position does not change"

@@ -19,9 +19,9 @@ from modelsel.mechanisms.causes import Named, q
 from modelsel.mechanisms.registry import BUILTIN, build_mechanisms
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.report.pages.findings import advise_separation
-from modelsel.results.covariate_panel import draw_covariate, find_covariate
 from modelsel.results.details import select_rows
-from modelsel.results.finding_schema import EntryRecord, ScrewRecord
+from modelsel.results.pictures.covariate_panel import draw_covariate, find_covariate
+from modelsel.results.schemas.finding_schema import EntryRecord, ScrewRecord
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
 from modelsel.study.models.model_ladder import build_model

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from modelsel.results.study_sentences import format_gain
+from modelsel.results.sentences.study_sentences import format_gain
 
 
 @pytest.mark.parametrize(("value", "text"), [(15.0, "15.00"), (9.5, "9.500"), (0.0002, "0.0002")])

@@ -9,7 +9,7 @@ import pytest
 from builders import drawn
 
 from modelsel.mechanisms.registry import mechanism
-from modelsel.results.finding_notes import instrument_notes
+from modelsel.results.conclusions.finding_notes import instrument_notes
 from modelsel.robot.files import load_robot
 
 

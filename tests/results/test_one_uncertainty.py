@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from report_studies import read_source
 
-from modelsel.results.finding_figures import scale_covariance
-from modelsel.results.parameter_table import (
+from modelsel.results.conclusions.finding_figures import scale_covariance
+from modelsel.results.sentences.parameter_table import (
     find_standard_uncertainty,
     shorten_symbols,
     tabulate_calibrated,

@@ -21,8 +21,8 @@ from modelsel.config.study_file import parse_study
 from modelsel.exceptions import StudyError
 from modelsel.mechanisms.causes import Applied, cos, q
 from modelsel.results.residual_table import RESIDUALS, pack_residuals, read_residuals
+from modelsel.results.sentences.tables import TABLES
 from modelsel.results.storage import WRITES
-from modelsel.results.tables import TABLES
 from modelsel.robot.files import load_robot
 from modelsel.study.pipeline.result import Result
 

@@ -6,9 +6,9 @@ from types import SimpleNamespace
 
 from modelsel.mechanisms.causes import q, sin
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
-from modelsel.results.model_schema import WeighedModelRecord
 from modelsel.results.record import _name_apart
-from modelsel.results.study_sentences import describe_sets
+from modelsel.results.schemas.model_schema import WeighedModelRecord
+from modelsel.results.sentences.study_sentences import describe_sets
 
 
 def tell(*sets: tuple[list[str], bool]) -> list[str]:

@@ -14,8 +14,8 @@ from modelsel import Study
 from modelsel.measurements.measurements import build_measurements
 from modelsel.report.document import use_minus
 from modelsel.report.pages.front import write_data_page
-from modelsel.results.placements import describe_placements
-from modelsel.results.schema import BaseRecord
+from modelsel.results.conclusions.placements import describe_placements
+from modelsel.results.schemas.schema import BaseRecord
 from modelsel.robot.kinematics import forward
 from modelsel.robot.rigid import from_rpy
 from modelsel.study.pipeline.runner import run_study

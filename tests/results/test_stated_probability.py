@@ -21,15 +21,15 @@ from modelsel.report.drawing import PAGES
 from modelsel.report.html import slim_record
 from modelsel.report.terminal_summary import _describe_standing
 from modelsel.results.agreement import find_disagreement
-from modelsel.results.finding_advice import advise
 from modelsel.results.reading import read_records
-from modelsel.results.study_sentences import (
+from modelsel.results.sentences.finding_advice import advise
+from modelsel.results.sentences.study_sentences import (
     describe_probability,
     write_figures,
     write_finding_line,
     write_levels,
 )
-from modelsel.results.tables import TABLES
+from modelsel.results.sentences.tables import TABLES
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 from modelsel import load_robot
 from modelsel.mechanisms.environment import target_step
 from modelsel.mechanisms.moved_targets import limit_to_targets
-from modelsel.results.panels import _draw_group, _group_terms
+from modelsel.results.pictures.panels import _draw_group, _group_terms
 
 ROBOT = load_robot("ur5")
 

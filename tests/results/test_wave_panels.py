@@ -11,7 +11,7 @@ from modelsel import load_robot
 from modelsel.mechanisms.causes import cos, q, sin
 from modelsel.mechanisms.registry import BUILTIN, build_mechanisms
 from modelsel.mechanisms.waves import Wave, find_common_wave, read_wave
-from modelsel.results.panels import _group_terms
+from modelsel.results.pictures.panels import _group_terms
 from modelsel.robot.coupling import Coupling
 
 X = np.array([0.3, 0.7, -1.1])

@@ -25,10 +25,10 @@ from modelsel.report.figures.finding import panel_height
 from modelsel.report.pages.calibrated import _write_mechanisms
 from modelsel.report.pages.findings import advise_separation
 from modelsel.report.pages.parameter_uncertainty import _format_quantiles
-from modelsel.results.finding_schema import EntryRecord, ScrewRecord
-from modelsel.results.model_schema import QuantilesRecord, SignificanceRecord
-from modelsel.results.study_sentences import describe_probability
-from modelsel.results.tables import label_models
+from modelsel.results.schemas.finding_schema import EntryRecord, ScrewRecord
+from modelsel.results.schemas.model_schema import QuantilesRecord, SignificanceRecord
+from modelsel.results.sentences.study_sentences import describe_probability
+from modelsel.results.sentences.tables import label_models
 from modelsel.robot.files import load_robot
 
 

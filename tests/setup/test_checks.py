@@ -26,7 +26,7 @@ from modelsel.measurements.measurements import build_measurements
 from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.geometry import geometric
 from modelsel.notices import ALARMS, HOPELESS_FIT, Note, list_alarms
-from modelsel.results.study_sentences import opening_sentences
+from modelsel.results.sentences.study_sentences import opening_sentences
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward, pose
 from modelsel.robot.rigid import from_rpy

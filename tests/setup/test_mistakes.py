@@ -24,7 +24,7 @@ from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.geometry import geometric
 from modelsel.mechanisms.registry import BUILTIN
 from modelsel.notices import SETUP_MISTAKE
-from modelsel.results.study_sentences import opening_sentences
+from modelsel.results.sentences.study_sentences import opening_sentences
 from modelsel.robot.files import load_robot
 from modelsel.robot.rigid import from_rpy
 from modelsel.study.inputs.inputs import read_inputs

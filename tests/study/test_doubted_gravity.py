@@ -14,8 +14,8 @@ from modelsel.diagnosis.shapes.candidate_kinds import CandidateKind
 from modelsel.mechanisms.causes import Cause, q, sin, torque
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.notices import Note
-from modelsel.results.cautions import explain_doubted_gravity
-from modelsel.results.finding_records import Finding
+from modelsel.results.conclusions.cautions import explain_doubted_gravity
+from modelsel.results.runs.finding_records import Finding
 from modelsel.robot.files import load_robot
 from modelsel.selection.gain import Gain
 from modelsel.study.preparation.gravity_direction import doubt_gravity

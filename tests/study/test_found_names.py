@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from modelsel._records import parse_record
-from modelsel.results.finding_schema import FindingRecord
-from modelsel.results.study_sentences import describe_doubt
+from modelsel.results.schemas.finding_schema import FindingRecord
+from modelsel.results.sentences.study_sentences import describe_doubt
 from modelsel.study.found_names import write_found_names
 
 LEVELS = ("place", "drivers", "shape", "cause")

@@ -12,7 +12,7 @@ from builders import seeds
 
 from modelsel._typing import Array
 from modelsel.mechanisms.registry import BUILTIN
-from modelsel.results.study_sentences import opening_sentences
+from modelsel.results.sentences.study_sentences import opening_sentences
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
 from modelsel.study.pipeline.pipeline import sample_posterior

@@ -16,8 +16,8 @@ from modelsel.calibration.constant_part import compute_points, split_parts
 from modelsel.calibration.loading import load_calibration
 from modelsel.cli.main import run_command_line
 from modelsel.exceptions import StudyError
-from modelsel.results.finding_advice import advise
 from modelsel.results.reading import read_records
+from modelsel.results.sentences.finding_advice import advise
 from modelsel.study.pipeline.result import Result
 from modelsel.study.pipeline.runner import run_study
 from modelsel.study.simulation import simulate_study

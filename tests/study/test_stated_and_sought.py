@@ -18,8 +18,8 @@ from modelsel.fitting.problem import Problem
 from modelsel.fitting.whitening import Whitening
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import mechanism
-from modelsel.results.goodness_of_fit import measure_lack_of_fit
-from modelsel.results.repeatability import measure_unrepeated
+from modelsel.results.conclusions.goodness_of_fit import measure_lack_of_fit
+from modelsel.results.repeatability.repeatability import measure_unrepeated
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
 from modelsel.study.preparation.stated_noise import check_stated_noise

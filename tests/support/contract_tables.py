@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from modelsel._records import StrictRecord
-from modelsel.results.finding_schema import FindingRecord
-from modelsel.results.schema import ErrorPartRecord, StudyRecord
+from modelsel.results.schemas.finding_schema import FindingRecord
+from modelsel.results.schemas.schema import ErrorPartRecord, StudyRecord
 
 
 def write_key_table(model: type[StrictRecord]) -> str:

@@ -8,8 +8,8 @@ import numpy as np
 
 from modelsel._records import parse_record
 from modelsel.fitting.error_structure import ErrorPart, ErrorStructure
-from modelsel.results.repeatability import describe_errors
-from modelsel.results.schema import ErrorPartRecord
+from modelsel.results.repeatability.repeatability import describe_errors
+from modelsel.results.schemas.schema import ErrorPartRecord
 
 TOLD_BY = {"instrument": "what is left", "group": "groups", "lasting": "order"}
 

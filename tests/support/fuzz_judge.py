@@ -63,7 +63,7 @@ def program(debug: bool) -> None:
 def load(folder: Path) -> None:
     """Every table of a stored result, as JSON."""
     from modelsel.cli._options import print_json
-    from modelsel.results.tables import TABLES
+    from modelsel.results.sentences.tables import TABLES
     from modelsel.study.pipeline.result import load_result
 
     found = load_result(folder)

@@ -48,6 +48,15 @@ INNER_FLOORS = {
         "faults",
         "findings",
     ),
+    "results": (
+        "schemas",
+        "runs",
+        "numbers",
+        "sentences",
+        "repeatability",
+        "conclusions",
+        "pictures",
+    ),
     "study": (
         "tables",
         "preparation",

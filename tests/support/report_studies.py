@@ -9,9 +9,9 @@ from pathlib import Path
 from modelsel._records import parse_record
 from modelsel.report.document import Source
 from modelsel.report.terminal import Amount, show_study
-from modelsel.results.details_schema import DetailsRecord
 from modelsel.results.reading import read_records
-from modelsel.results.schema import StudyRecord
+from modelsel.results.schemas.details_schema import DetailsRecord
+from modelsel.results.schemas.schema import StudyRecord
 
 
 def written(folder: Path) -> tuple[dict, dict]:

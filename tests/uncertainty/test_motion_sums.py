@@ -13,7 +13,7 @@ from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import q as reading
-from modelsel.results.study_sentences import format_motion
+from modelsel.results.sentences.study_sentences import format_motion
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import pose
 from modelsel.robot.rigid import rotation_matrix

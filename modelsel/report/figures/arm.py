@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..._typing import Array
-from ...results.details_schema import ArmRecord
+from ...results.schemas.details_schema import ArmRecord
 from ..style import BLUE, INK, ORANGE, QUIET, WIDTH, shorten_clause, svg, use_style
 from .arm_numbers import Drawn, find_room, needs_line, trace_line
 

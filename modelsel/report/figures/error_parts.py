@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from ..._typing import Array
-from ...results.repeatability import compute_target_rms, describe_share, label_part
-from ...results.schema import ErrorPartRecord
+from ...results.repeatability.repeatability import compute_target_rms, describe_share, label_part
+from ...results.schemas.schema import ErrorPartRecord
 from ..style import BLUE, INK, QUIET, WIDTH, choose_unit, svg, use_style
 
 # times the largest part up to which an interval is drawn

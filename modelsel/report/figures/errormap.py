@@ -10,8 +10,8 @@ import numpy as np
 
 from ..._short_numbers import round_numbers
 from ..._typing import Array
-from ...results.finding_schema import EntryRecord
-from ...results.schema import ErrorMapRecord, StudyRecord
+from ...results.schemas.finding_schema import EntryRecord
+from ...results.schemas.schema import ErrorMapRecord, StudyRecord
 from ..style import INK, QUIET, RING, WIDTH, shorten, svg, use_style
 
 MAX_CAUSES = 26

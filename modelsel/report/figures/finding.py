@@ -11,7 +11,7 @@ import numpy as np
 
 from ..._short_numbers import round_numbers
 from ..._typing import Array, Index
-from ...results.details_schema import PanelRecord
+from ...results.schemas.details_schema import PanelRecord
 from ..style import (
     AFTER,
     BEFORE,

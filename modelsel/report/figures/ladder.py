@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from ..._typing import Array, Index
-from ...results.details_schema import DetailsRecord
-from ...results.model_schema import RungRecord
-from ...results.quantities import format_figure
-from ...results.schema import NoiseFloorRecord, StudyRecord
-from ...results.tables import label_models
+from ...results.numbers.quantities import format_figure
+from ...results.schemas.details_schema import DetailsRecord
+from ...results.schemas.model_schema import RungRecord
+from ...results.schemas.schema import NoiseFloorRecord, StudyRecord
+from ...results.sentences.tables import label_models
 from ..style import (
     AFTER,
     BLUE,

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from ..._typing import Array
-from ...results.model_schema import CorrelationRecord, TraceRecord
-from ...results.parameter_table import number_owners
+from ...results.schemas.model_schema import CorrelationRecord, TraceRecord
+from ...results.sentences.parameter_table import number_owners
 from ..style import AFTER, BLUE, GREY, HALF_WIDTH, ORANGE, shorten, svg, use_style
 
 MAX_DRAWN = 5  # parameters of the posterior's picture

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..._typing import Array
-from ...results.details_schema import DetailsRecord
+from ...results.schemas.details_schema import DetailsRecord
 from ..style import BLUE, INK, ORANGE, QUIET, WIDTH, choose_unit, svg, use_style
 from .finding import average_bins
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._typing import Array
-from ...results.details_schema import DetailsRecord, JointRecord
+from ...results.schemas.details_schema import DetailsRecord, JointRecord
 from ..style import BLUE, HALF_WIDTH, INK, ORANGE, QUIET, svg, use_style
 
 HEIGHT = 2.3  # inch

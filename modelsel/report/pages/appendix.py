@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from ...notices import ALARMS, STEP_SIDE_OPEN
-from ...results.schema import StudyRecord
-from ...results.study_sentences import count_rows, describe_outliers
+from ...results.schemas.schema import StudyRecord
+from ...results.sentences.study_sentences import count_rows, describe_outliers
 from ..document import Block, Source, make_heading, make_list, make_table, make_text
 from .findings import name_finding
 

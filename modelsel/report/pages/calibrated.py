@@ -6,14 +6,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 
-from ...results.model_schema import SignificanceRecord
-from ...results.parameter_table import (
+from ...results.schemas.model_schema import SignificanceRecord
+from ...results.sentences.parameter_table import (
     PARAMETER_COLUMNS,
     ParameterRow,
     count_free,
     tabulate_calibrated,
 )
-from ...results.study_sentences import (
+from ...results.sentences.study_sentences import (
     NOMINAL_CAVEAT,
     format_mm,
     format_motion,

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from functools import partial
 
-from ...results.repeatability import (
+from ...results.repeatability.repeatability import (
     compute_target_rms,
     describe_share,
     format_scale,
     label_part,
     round_digits,
 )
-from ...results.schema import ErrorPartRecord
+from ...results.schemas.schema import ErrorPartRecord
 from ..document import Block, Source, make_heading, make_list, make_table, make_text
 from ..figures.error_parts import draw_error_parts
 

@@ -11,12 +11,12 @@ from ..._short_numbers import round_numbers
 from ...diagnosis.findings.stated_probability import bound_chance, format_probability
 from ...measurements.campaign.state_names import StateKind, state_kind
 from ...measurements.formats.row_places import Where
-from ...results.details_schema import FindingDetailsRecord
-from ...results.finding_advice import advise
-from ...results.finding_schema import BEYOND, BEYOND_WORDS, EntryRecord, FindingRecord
-from ...results.schema import StudyRecord
-from ...results.small_findings import split_findings, write_sum
-from ...results.study_sentences import (
+from ...results.schemas.details_schema import FindingDetailsRecord
+from ...results.schemas.finding_schema import BEYOND, BEYOND_WORDS, EntryRecord, FindingRecord
+from ...results.schemas.schema import StudyRecord
+from ...results.sentences.finding_advice import advise
+from ...results.sentences.small_findings import split_findings, write_sum
+from ...results.sentences.study_sentences import (
     count_rows,
     describe_probability,
     format_gain,

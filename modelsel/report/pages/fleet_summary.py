@@ -13,7 +13,7 @@ import numpy as np
 from ..._version import VERSION
 from ...exceptions import count_words
 from ...notices import ALARMS
-from ...results.study_sentences import format_mm
+from ...results.sentences.study_sentences import format_mm
 from ..document import Block, make_heading, make_table, make_text
 from ..pdf import compile_pdf
 from ..style import shorten

@@ -9,13 +9,13 @@ from math import degrees
 from ..._short_numbers import round_numbers
 from ...diagnosis.findings.name_legend import PAIR, explain_names
 from ...exceptions import sentence_list
-from ...results.details_schema import DetailsRecord
-from ...results.finding_advice import advise, list_frames
-from ...results.placements import describe_placements
-from ...results.schema import ErrorMapRecord, StudyRecord
-from ...results.small_findings import choose_shown, find_named, split_findings
-from ...results.study_sentences import describe_probability, format_mm, opening_sentences
-from ...results.unsure_joints import describe_noise_floor
+from ...results.conclusions.placements import describe_placements
+from ...results.repeatability.unsure_joints import describe_noise_floor
+from ...results.schemas.details_schema import DetailsRecord
+from ...results.schemas.schema import ErrorMapRecord, StudyRecord
+from ...results.sentences.finding_advice import advise, list_frames
+from ...results.sentences.small_findings import choose_shown, find_named, split_findings
+from ...results.sentences.study_sentences import describe_probability, format_mm, opening_sentences
 from ..document import (
     Block,
     Source,

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from ...results.model_schema import CandidatesRecord, NestedRecord, RungRecord, SubsetRecord
-from ...results.schema import StudyRecord
-from ...results.study_sentences import (
+from ...results.schemas.model_schema import CandidatesRecord, NestedRecord, RungRecord, SubsetRecord
+from ...results.schemas.schema import StudyRecord
+from ...results.sentences.study_sentences import (
     SETS_PURPOSE,
     SETS_TITLE,
     TABLE_PURPOSE,
@@ -13,7 +13,7 @@ from ...results.study_sentences import (
     format_mm,
     format_weight,
 )
-from ...results.tables import label_ladder
+from ...results.sentences.tables import label_ladder
 from ..document import Block, Source, make_heading, make_table, make_text
 
 MAX_SET_ASIDE = 12  # names of what the table of subsets does not hold

@@ -7,10 +7,14 @@ from functools import partial
 
 from ...diagnosis.findings.sentences import choose_prefix
 from ...fitting.undetermined import write_unidentifiable
-from ...results.model_schema import QuantilesRecord, SamplingRecord
-from ...results.parameter_table import number_owners
-from ...results.schema import StudyRecord
-from ...results.study_sentences import describe_predictable, format_mm, write_sampling_sentences
+from ...results.schemas.model_schema import QuantilesRecord, SamplingRecord
+from ...results.schemas.schema import StudyRecord
+from ...results.sentences.parameter_table import number_owners
+from ...results.sentences.study_sentences import (
+    describe_predictable,
+    format_mm,
+    write_sampling_sentences,
+)
 from ..document import (
     Block,
     Source,

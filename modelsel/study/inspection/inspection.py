@@ -22,9 +22,9 @@ from ...measurements.campaign.visits import count_distinct
 from ...measurements.measurements import Measurements
 from ...mechanisms.geometry import build_setup, geometric
 from ...notices import SETUP_MISTAKE, Note, list_alarms
-from ...results.placements import locate_placements
-from ...results.rounded_readings import find_rounding
-from ...results.rounding_effect import note_rounding
+from ...results.conclusions.placements import locate_placements
+from ...results.repeatability.rounded_readings import find_rounding
+from ...results.repeatability.rounding_effect import note_rounding
 from ...robot.kinematics import Robot
 from ...setup.feature_positions import place_features
 from ...setup.mistakes import MIN_CONFIGURATIONS

@@ -8,8 +8,8 @@ import numpy as np
 
 from ...exceptions import count_words, write_percent, write_rounded
 from ...fitting.undetermined import Unidentifiable, write_unidentifiable
-from ...results.placements import describe_placements
-from ...results.schema import RegistrationRecord
+from ...results.conclusions.placements import describe_placements
+from ...results.schemas.schema import RegistrationRecord
 
 MAX_LISTED_FEATURES = 6
 MAX_LISTED_GROUPS = 8

@@ -15,7 +15,7 @@ from ...fitting.design import residuals
 from ...fitting.problem import Problem
 from ...mechanisms.registry import BUILTIN, Registry
 from ...notices import SETUP_MISTAKE, Note, list_alarms
-from ...results.placements import locate_placements
+from ...results.conclusions.placements import locate_placements
 from ...robot.kinematics import Robot
 from ..inputs.found_problems import FoundProblems, name_study_file
 from ..inputs.inputs import read_checked, read_nominal_robot

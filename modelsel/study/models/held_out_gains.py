@@ -10,7 +10,7 @@ from ..._random import generator
 from ...config.study_file import Study
 from ...diagnosis.findings.outcome import Diagnosis
 from ...diagnosis.search.state import extend_model
-from ...results.finding_records import Finding
+from ...results.runs.finding_records import Finding
 from ...selection.evaluation import Evaluation, Split, evaluate
 from ...selection.gain import Gain, ResampledErrors, resample_errors
 

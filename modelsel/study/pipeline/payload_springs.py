@@ -22,7 +22,7 @@ from ...mechanisms.compliance import (
     payload_deflection,
 )
 from ...mechanisms.terms import Mechanism
-from ...results.finding_records import Finding
+from ...results.runs.finding_records import Finding
 
 
 def add_payload_springs(

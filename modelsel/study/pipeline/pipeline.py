@@ -36,11 +36,11 @@ from ...measurements.measurements import Measurements
 from ...mechanisms.campaign_registry import set_targets
 from ...mechanisms.registry import BUILTIN, Registry
 from ...notices import Note
-from ...results.cautions import harmful_base_notes
-from ...results.finding_figures import order_findings
-from ...results.finding_records import Finding
-from ...results.orientation_gains import add_orientation_gains
-from ...results.study_run import Explanation, ModelSearch, StudyRun
+from ...results.conclusions.cautions import harmful_base_notes
+from ...results.conclusions.finding_figures import order_findings
+from ...results.conclusions.orientation_gains import add_orientation_gains
+from ...results.runs.finding_records import Finding
+from ...results.runs.study_run import Explanation, ModelSearch, StudyRun
 from ...robot.kinematics import Robot
 from ...robot.plain_values import hash_robot
 from ...selection.comparison import MAX_CANDIDATES, SubsetComparison, compare_subsets

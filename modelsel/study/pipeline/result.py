@@ -19,14 +19,14 @@ from ...exceptions import NotStored, StudyError, suggest
 from ...fitting.problem import Problem
 from ...measurements.formats.file_form import FileForm
 from ...results.details import draw_details
-from ...results.details_schema import DetailsRecord
-from ...results.finding_schema import FindingRecord
 from ...results.record import record_run
 from ...results.residual_table import RESIDUALS, ResidualColumns
-from ...results.schema import StudyRecord, WarningRecord
+from ...results.runs.study_run import Explanation, ModelSearch, StudyRun
+from ...results.schemas.details_schema import DetailsRecord
+from ...results.schemas.finding_schema import FindingRecord
+from ...results.schemas.schema import StudyRecord, WarningRecord
+from ...results.sentences.tables import TABLES, write_notebook_page
 from ...results.storage import StudyFiles, read_study_files, record_text, write_study_files
-from ...results.study_run import Explanation, ModelSearch, StudyRun
-from ...results.tables import TABLES, write_notebook_page
 from ...robot.kinematics import Robot
 from ...selection.evaluation import Split
 from ...uncertainty.summary import Confidence

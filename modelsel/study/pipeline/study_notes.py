@@ -12,8 +12,8 @@ from ...diagnosis.unexplained import count_rows_seen, is_subsampled
 from ...exceptions import write_rounded
 from ...fitting.noise import Floor
 from ...notices import Note
-from ...results.cautions import restriction_notes
-from ...results.finding_notes import (
+from ...results.conclusions.cautions import restriction_notes
+from ...results.conclusions.finding_notes import (
     confounded_notes,
     instrument_notes,
     opposed_finding_notes,
@@ -22,8 +22,8 @@ from ...results.finding_notes import (
     surprise_notes,
     uneven_noise_notes,
 )
-from ...results.finding_records import Finding
-from ...results.goodness_of_fit import lack_of_fit_notes, measure_lack_of_fit
+from ...results.conclusions.goodness_of_fit import lack_of_fit_notes, measure_lack_of_fit
+from ...results.runs.finding_records import Finding
 from ...selection.comparison import SubsetComparison
 from ...selection.evaluation import Evaluation, Split
 from ..models.model_ladder import searches_cells

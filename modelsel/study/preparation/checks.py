@@ -32,7 +32,7 @@ from ...notices import (
     Note,
     list_alarms,
 )
-from ...results.rounding_effect import note_rounding
+from ...results.repeatability.rounding_effect import note_rounding
 from ...robot.files import builtin_names, load_robot
 from ...robot.kinematics import Robot
 from ...selection.evaluation import Evaluation, Split, measure_orientation

@@ -15,7 +15,7 @@ from ...fitting.shrinkage import fit_shrunk
 from ...measurements.campaign.state_names import needs_gravity
 from ...mechanisms.terms import Mechanism
 from ...notices import Note
-from ...results.finding_records import Finding
+from ...results.runs.finding_records import Finding
 from ...robot.kinematics import Robot
 from ...setup.other_gravity import OtherGravity, find_other_gravity, fits_better
 

@@ -53,7 +53,7 @@ from modelsel.mechanisms.causes import Bump, Named, cos, q, sin, torque
 from modelsel.mechanisms.environment import tracker_bumped, tracker_step
 from modelsel.mechanisms.registry import build_faults, every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
-from modelsel.results.finding_records import find_fitted
+from modelsel.results.runs.finding_records import find_fitted
 from modelsel.robot.files import load_robot
 
 SIGMA = 0.05

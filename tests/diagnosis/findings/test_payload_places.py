@@ -20,7 +20,7 @@ from modelsel.fitting.design import Model
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.compliance import ANYWHERE, AT_TARGET, list_hangs
 from modelsel.mechanisms.registry import build_mechanisms, every, mechanism
-from modelsel.results.finding_notes import payload_place_notes
+from modelsel.results.conclusions.finding_notes import payload_place_notes
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import Robot
 

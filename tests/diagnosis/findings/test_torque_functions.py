@@ -33,10 +33,10 @@ from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import Named, q, sign, torque
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Mechanism
-from modelsel.results.finding_figures import bind_effect
-from modelsel.results.quantities import Usable
-from modelsel.results.usable_numbers import list_usable
-from modelsel.results.workspace import build_workspace
+from modelsel.results.conclusions.finding_figures import bind_effect
+from modelsel.results.numbers.quantities import Usable
+from modelsel.results.numbers.usable_numbers import list_usable
+from modelsel.results.numbers.workspace import build_workspace
 from modelsel.robot.files import load_robot
 
 SIGMA = 0.05

@@ -18,7 +18,7 @@ from modelsel.exceptions import StudyError
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.notices import Note
-from modelsel.results.cautions import explain_unknown_gravity
+from modelsel.results.conclusions.cautions import explain_unknown_gravity
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
 from modelsel.robot.rigid import rotation_matrix

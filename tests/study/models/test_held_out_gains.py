@@ -14,7 +14,7 @@ from modelsel.fitting.design import Model
 from modelsel.mechanisms.causes import q, sin
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
-from modelsel.results.finding_records import Finding
+from modelsel.results.runs.finding_records import Finding
 from modelsel.robot.files import load_robot
 from modelsel.selection.evaluation import evaluate
 from modelsel.selection.gain import Gain

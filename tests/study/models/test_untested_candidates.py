@@ -16,7 +16,7 @@ from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.campaign_registry import set_targets
 from modelsel.mechanisms.registry import BUILTIN, build_mechanisms
 from modelsel.mechanisms.terms import Mechanism
-from modelsel.results.cautions import explain_restriction, restriction_notes
+from modelsel.results.conclusions.cautions import explain_restriction, restriction_notes
 from modelsel.robot.files import load_robot
 from modelsel.study.models.untested_candidates import find_untested
 from modelsel.study.simulation import simulate_points, simulate_study

@@ -22,8 +22,8 @@ from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.compliance import WITH_PAYLOAD
 from modelsel.mechanisms.registry import build_mechanisms, mechanism
 from modelsel.mechanisms.terms import Mechanism
-from modelsel.results.compliance_numbers import measure_springs_apart
-from modelsel.results.finding_records import Finding
+from modelsel.results.numbers.compliance_numbers import measure_springs_apart
+from modelsel.results.runs.finding_records import Finding
 from modelsel.robot.files import load_robot
 from modelsel.selection.gain import Gain
 from modelsel.study.pipeline.payload_springs import add_payload_springs

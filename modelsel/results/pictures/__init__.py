@@ -1,0 +1,1 @@
+"""What pictures need: panels of findings, the arm as it is drawn, postures."""

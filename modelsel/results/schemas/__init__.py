@@ -1,0 +1,1 @@
+"""The records that a study writes, strict: result.json and details.json."""
