@@ -135,7 +135,7 @@ class Calibration:
         Returns positions (m, 3) [mm] in the tracker's frame. Raises DataError where a target, a
         group or a covariate is not known.
         """
-        from .compensation import read_planned
+        from .commands.compensation import read_planned
         from .prediction import predict
 
         if not isinstance(measurements, Measurements):
@@ -164,7 +164,7 @@ class Calibration:
         Raises DataError beyond the bound and for what cannot be read, StudyError for a bound that is
         not two positive numbers.
         """
-        from .compensation import ARRAYS, MAX_CORRECTION, correct, tabulate_readings
+        from .commands.compensation import ARRAYS, MAX_CORRECTION, correct, tabulate_readings
 
         if isinstance(targets, ARRAYS):
             targets = tabulate_readings(self, targets)

@@ -11,7 +11,7 @@ from ._options import json_option, print_json, print_prose
 from ._output_path import OutputPath, check_output
 
 if TYPE_CHECKING:
-    from ..calibration.campaigns import Comparison
+    from ..calibration.comparison.campaigns import Comparison
 
 
 @click.command("compare")
@@ -30,8 +30,8 @@ def compare_command(before: Path, after: Path, page: Path | None, as_json: bool)
     from dataclasses import asdict
 
     from .._files import write_atomically
-    from ..calibration.campaigns import compare_campaigns as compared
-    from ..calibration.comparison_sentences import describe_comparison
+    from ..calibration.comparison.campaigns import compare_campaigns as compared
+    from ..calibration.comparison.comparison_sentences import describe_comparison
     from ..calibration.loading import load_calibration
 
     if page is not None:

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from ..calibration.calibration import Calibration
-    from ..calibration.commands_table import CarriedColumns
-    from ..calibration.compensation import Commands
+    from ..calibration.commands.commands_table import CarriedColumns
+    from ..calibration.commands.compensation import Commands
     from ..measurements.formats.table import DataFile
     from ..measurements.measurements import Measurements
     from ._later_files import LaterFiles
@@ -102,7 +102,7 @@ def compensate_command(
     and what the model needs; or the columns, sheet and decimal mark of the study's own file. A
     table has commands in the units in which they were given; a program
     has the units of its language, slow moves, and is called as its file is."""
-    from ..calibration.commands_table import (
+    from ..calibration.commands.commands_table import (
         build_commands_table,
         find_carried_columns,
         list_point_names,
@@ -174,7 +174,7 @@ def _write_table(
     """Write a table of commands in the form of the `file` of targets; of rows that were joined, or have
     no header, under the names of a measurements file. Raises StudyError."""
     from .._files import write_atomically
-    from ..calibration.targets_form import arrange_as_targets
+    from ..calibration.commands.targets_form import arrange_as_targets
     from ..measurements.formats.table_writer import TableStyle, encode_table, find_table_style
 
     style = TableStyle()
@@ -192,8 +192,11 @@ def _tabulate_real(
     c: Calibration, data: Measurements, carried: CarriedColumns
 ) -> tuple[pd.DataFrame, list[str]]:
     """Tabulate where the real target is at planned commands, and note what the answer rests on."""
-    from ..calibration.command_notes import describe_extrapolation, describe_order_dependence
-    from ..calibration.commands_table import build_commands_table
+    from ..calibration.commands.command_notes import (
+        describe_extrapolation,
+        describe_order_dependence,
+    )
+    from ..calibration.commands.commands_table import build_commands_table
     from ..calibration.prediction import predict_poses
 
     extrapolated = describe_extrapolation(c, data)
@@ -210,8 +213,8 @@ def _correct(
     on them, and sentences on the rows that cannot be corrected. Without these the others are
     corrected again, as the arm then comes to them from elsewhere. Raises DataError where they are
     most."""
-    from ..calibration.compensation import compensate_commands, note_commands
-    from ..calibration.large_changes import (
+    from ..calibration.commands.compensation import compensate_commands, note_commands
+    from ..calibration.commands.large_changes import (
         describe_new_order,
         describe_skipped,
         find_skipped,
@@ -245,9 +248,9 @@ def _write_program(
 ) -> list[str]:
     """Write the commands as a program, its points under their names, and note what its decimals cost. Raises StudyError."""
     from .._files import write_atomically
-    from ..calibration.compensation import REACHED_MM
+    from ..calibration.commands.compensation import REACHED_MM
+    from ..calibration.export.robot_programs import round_commands, write_program
     from ..calibration.prediction import predict
-    from ..calibration.robot_programs import round_commands, write_program
     from ..robot.coupling import angles_of
 
     expected = commands.expected_mm.max()
@@ -344,7 +347,7 @@ def _sentence(commands: Commands, slides: NDArray[np.bool_]) -> str:
 
 
 def _describe_unreached(commands: Commands) -> str:
-    from ..calibration.compensation import REACHED_MM
+    from ..calibration.commands.compensation import REACHED_MM
 
     if commands.left_mm.max() <= REACHED_MM:
         return ""

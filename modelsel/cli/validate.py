@@ -36,10 +36,10 @@ def validate_command(
     """Whether a stored calibration still holds on new measurements; nothing of it is refitted.
     A file of the form of the study's (columns, sheet, decimal mark) goes in as it is; points and
     readings in two files do with --joints."""
-    from ..calibration.command_notes import describe_extrapolation
+    from ..calibration.commands.command_notes import describe_extrapolation
     from ..calibration.loading import load_calibration
-    from ..calibration.validation import judge
-    from ..calibration.verdict_sentences import describe_verdict
+    from ..calibration.validation.validation import judge
+    from ..calibration.validation.verdict_sentences import describe_verdict
     from ..measurements.reader import read_measurements
     from ..study.drafts.new_study import TOLD_NOTES
     from ._later_files import count_own, load_later

@@ -11,10 +11,10 @@ from importlib.resources import files
 from string import Template
 from typing import NamedTuple
 
-from ..calibration.campaigns import Change, Comparison, Explanation
-from ..calibration.change_sentences import describe_change, write_p
-from ..calibration.comparison_sentences import COVERAGE, MIN_MOVE_MM, describe_comparison
-from ..calibration.target_changes import TargetChange
+from ..calibration.comparison.campaigns import Change, Comparison, Explanation
+from ..calibration.comparison.change_sentences import describe_change, write_p
+from ..calibration.comparison.comparison_sentences import COVERAGE, MIN_MOVE_MM, describe_comparison
+from ..calibration.comparison.target_changes import TargetChange
 from ..exceptions import count_words
 from ..results.numbers.quantities import format_figure
 from ..results.schemas.details_schema import DetailsRecord

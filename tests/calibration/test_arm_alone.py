@@ -10,7 +10,7 @@ from wide_calibration import wide
 
 from modelsel.calibration.arm_alone import describe_left_out_instrument, leave_out_instrument
 from modelsel.calibration.calibration import Calibration
-from modelsel.calibration.compensation import correct
+from modelsel.calibration.commands.compensation import correct
 from modelsel.calibration.export import export_grid
 from modelsel.calibration.export.grid_options import GridOptions
 from modelsel.calibration.prediction import predict
@@ -77,7 +77,7 @@ def test_commands_do_not_correct_what_the_instrument_measures_wrongly(
 
 
 def calibration_rows(c: Calibration, table: object):  # type: ignore[no-untyped-def]
-    from modelsel.calibration.compensation import read_planned
+    from modelsel.calibration.commands.compensation import read_planned
 
     return read_planned(c, table)  # type: ignore[arg-type]
 

@@ -13,7 +13,7 @@ from builders import drawn, planted
 from modelsel.calibration.assumed_values import describe_assumed, find_assumed
 from modelsel.calibration.calibration import Calibration, calibrate
 from modelsel.calibration.calibration_file import calibration_text
-from modelsel.calibration.compensation import correct
+from modelsel.calibration.commands.compensation import correct
 from modelsel.calibration.export.grid_options import GridOptions, hold_others
 from modelsel.calibration.loading import parse_calibration
 from modelsel.calibration.refitting import Refits

@@ -15,8 +15,8 @@ from wide_calibration import wide
 
 from modelsel.calibration.calibration_file import CALIBRATION_FILE, calibration_text
 from modelsel.calibration.calibration_schema import CalibrationRecord
-from modelsel.calibration.command_notes import describe_extrapolation
-from modelsel.calibration.compensation import correct, tabulate_readings
+from modelsel.calibration.commands.command_notes import describe_extrapolation
+from modelsel.calibration.commands.compensation import correct, tabulate_readings
 from modelsel.calibration.export import export
 from modelsel.calibration.loading import load_calibration, parse_calibration
 from modelsel.calibration.prediction import predict, propagate_uncertainty, to_tracker_frame

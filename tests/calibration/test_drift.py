@@ -13,14 +13,14 @@ from click.testing import CliRunner
 
 from modelsel.calibration.calibration import Calibration, calibrate
 from modelsel.calibration.calibration_file import calibration_text
-from modelsel.calibration.campaigns import Change, Comparison, compare_campaigns
-from modelsel.calibration.change_sentences import describe_change, write_p
-from modelsel.calibration.comparison_sentences import describe_comparison
-from modelsel.calibration.difference_tests import correct_holm
-from modelsel.calibration.fewest_terms import select_fewest_terms
+from modelsel.calibration.comparison.campaigns import Change, Comparison, compare_campaigns
+from modelsel.calibration.comparison.change_sentences import describe_change, write_p
+from modelsel.calibration.comparison.comparison_sentences import describe_comparison
+from modelsel.calibration.comparison.difference_tests import correct_holm
+from modelsel.calibration.comparison.fewest_terms import select_fewest_terms
 from modelsel.calibration.prediction import compute_pose, predict, propagate_uncertainty
-from modelsel.calibration.validation import judge
-from modelsel.calibration.verdict_sentences import describe_verdict as told
+from modelsel.calibration.validation.validation import judge
+from modelsel.calibration.validation.verdict_sentences import describe_verdict as told
 from modelsel.cli.main import run_command_line
 from modelsel.diagnosis.findings.sentences import format_quantity
 from modelsel.exceptions import DataError, StudyError, write_rounded

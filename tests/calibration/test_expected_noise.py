@@ -15,7 +15,7 @@ from wide_calibration import wide
 from modelsel import Study, run_study
 from modelsel.calibration.calibration import Calibration
 from modelsel.calibration.calibration_file import calibration_text
-from modelsel.calibration.compensation import Commands, compensate_commands, note_commands
+from modelsel.calibration.commands.compensation import Commands, compensate_commands, note_commands
 from modelsel.calibration.loading import parse_calibration
 from modelsel.calibration.prediction import predict
 from modelsel.exceptions import write_rounded

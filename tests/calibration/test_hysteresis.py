@@ -10,13 +10,16 @@ from builders import bind, one
 from modelsel._typing import Array
 from modelsel.calibration.calibration import Calibration, calibrate
 from modelsel.calibration.calibration_file import calibration_text
-from modelsel.calibration.command_notes import describe_extrapolation, describe_order_dependence
-from modelsel.calibration.compensation import compensate_commands, correct
+from modelsel.calibration.commands.command_notes import (
+    describe_extrapolation,
+    describe_order_dependence,
+)
+from modelsel.calibration.commands.compensation import compensate_commands, correct
+from modelsel.calibration.commands.large_changes import leave_out_rows
 from modelsel.calibration.export import GridOptions, export, export_grid
-from modelsel.calibration.large_changes import leave_out_rows
 from modelsel.calibration.loading import parse_calibration
 from modelsel.calibration.prediction import predict
-from modelsel.calibration.validation import judge
+from modelsel.calibration.validation.validation import judge
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor

@@ -12,7 +12,7 @@ from builders import drawn, planted
 
 from modelsel.calibration.calibration import Calibration, calibrate
 from modelsel.calibration.calibration_file import save_calibration
-from modelsel.calibration.command_notes import needs_approach
+from modelsel.calibration.commands.command_notes import needs_approach
 from modelsel.calibration.constant_part import compute_points, fix_members, split_parts
 from modelsel.calibration.export import export
 from modelsel.calibration.export.lookup import evaluate_tables

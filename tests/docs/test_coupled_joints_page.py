@@ -14,8 +14,8 @@ from shown_code import ROOT, fenced
 from modelsel import Calibration, Result, Study, run_study
 from modelsel.calibration.calibration_file import calibration_text
 from modelsel.calibration.export import export
+from modelsel.calibration.export.robot_programs import write_program
 from modelsel.calibration.loading import parse_calibration
-from modelsel.calibration.robot_programs import write_program
 from modelsel.exceptions import StudyError
 from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.registry import build_mechanisms

@@ -19,7 +19,7 @@ from modelsel.calibration.calibration_file import calibration_text
 from modelsel.calibration.loading import parse_calibration
 from modelsel.calibration.plan_pool import build_pool
 from modelsel.calibration.prediction import predict
-from modelsel.calibration.validation import judge
+from modelsel.calibration.validation.validation import judge
 from modelsel.config.study_file import Study, parse_study
 from modelsel.diagnosis.columns.candidate_columns import stack_design
 from modelsel.diagnosis.columns.screw_columns import build_screw_columns

@@ -14,7 +14,7 @@ from builders import OFF_AXIS, drawn, planted, small_arm, small_campaign
 import modelsel as ms
 from modelsel._arguments import check_rows, check_whole_number, collect_names, describe_value
 from modelsel._choices import EXPORT_FORMS
-from modelsel.calibration.commands_table import FIGURE_COLUMNS
+from modelsel.calibration.commands.commands_table import FIGURE_COLUMNS
 from modelsel.exceptions import ArgumentError
 from modelsel.mechanisms.causes import q
 from modelsel.mechanisms.registry import BUILTIN, PerJoint

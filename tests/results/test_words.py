@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from report_studies import read_source
 
 from modelsel._short_numbers import round_numbers
-from modelsel.calibration.compensation import Commands
+from modelsel.calibration.commands.compensation import Commands
 from modelsel.cli.compensate import _sentence
 from modelsel.cli.main import run_command_line
 from modelsel.diagnosis.findings.fitted_curves import find_waves, measure_heights

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from modelsel.calibration.command_notes import find_past_limits
+from modelsel.calibration.commands.command_notes import find_past_limits
 from modelsel.measurements.measurements import build_measurements
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward

@@ -13,7 +13,7 @@ from ..._typing import Array
 from ...exceptions import StudyError, sentence_list, suggest
 from ...measurements.campaign.reference_temperature import TEMPERATURE
 from ...measurements.campaign.state_names import StateKind, is_state_name, state_kind
-from ..command_notes import RANGE_TOLERANCE
+from ..commands.command_notes import RANGE_TOLERANCE
 
 if TYPE_CHECKING:
     from ..calibration import Calibration

@@ -11,7 +11,7 @@ from ...measurements.campaign.late_names import list_sources
 from ...measurements.campaign.reference_temperature import TEMPERATURE
 from ...mechanisms.environment import find_references
 from ..arm_alone import list_instrument_names
-from ..late_effects import describe_unknown_history
+from ..commands.late_effects import describe_unknown_history
 from ..other_sides import describe_other_sides
 from ..refitting import list_moves, select_carried
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from math import floor, log10
 
 from ..._short_numbers import round_numbers
-from ...calibration.mechanism_changes import GEOMETRY_NAMES
+from ...calibration.comparison.mechanism_changes import GEOMETRY_NAMES
 from ...diagnosis.findings.sentences import choose_prefix
 from ..schemas.details_schema import DetailsRecord, MeaningRecord
 from ..schemas.model_schema import ParameterRecord

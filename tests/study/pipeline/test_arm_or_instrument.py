@@ -15,7 +15,11 @@ import pytest
 from builders import seeds
 
 from modelsel import Study, StudyError, load_calibration, run_study
-from modelsel.calibration.compensation import compensate_commands, note_commands, read_planned
+from modelsel.calibration.commands.compensation import (
+    compensate_commands,
+    note_commands,
+    read_planned,
+)
 from modelsel.calibration.export.notes import describe_instrument
 
 Array = np.ndarray
