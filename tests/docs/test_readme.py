@@ -54,9 +54,14 @@ def floors() -> str:
         lines.append(f"{folder + '/':17}{first_line(folder)}")
         lines += [
             f"{f'  {inner}/':17}{first_line(f'{folder}/{inner}')}"
-            for inner in INNER_FLOORS.get(folder, ())
+            for inner in INNER_FLOORS.get(folder) or inner_folders(folder)
         ]
     return "\n".join(lines) + "\n"
+
+
+def inner_folders(folder: str) -> list[str]:
+    """The folders of modules in one whose order is no rule."""
+    return sorted(path.parent.name for path in (PACKAGE / folder).glob("*/__init__.py"))
 
 
 def first_line(folder: str) -> str:

@@ -1,5 +1,4 @@
-"""Write a calibration in the forms that other programs read: URDF, DH tables, JSON, CSV, Python,
-lookup tables."""
+"""A calibration in the forms that other programs read: URDF, DH tables, JSON, tables, robot programs."""
 
 from __future__ import annotations
 
