@@ -30,7 +30,7 @@ from .inference.after_selection import AfterSelection, allow_for_search, find_li
 from .inference.evidence import MIN_LOG_ODDS, compute_p_value, compute_single_f
 from .reshaping import take_shapes
 from .search.model_search import visit_models, weigh_models
-from .search.path_words import DROPPED
+from .search.path_sentences import DROPPED
 from .search.renaming import holds_name, settle_names
 from .search.state import LEVEL, Search, extend_model
 from .search.stepwise import Exploration, Remainder, explore_further

@@ -24,8 +24,8 @@ from ..candidates.signatures import LEVELS
 from ..inference.evidence import MIN_LOG_ODDS, compute_factors, sum_evidence
 from ..inference.sign_constraints import find_contrary_terms
 from ..rivals.common_steps import generate_common_steps
-from ..rivals.company import Company, list_company
 from ..rivals.contenders import Contenders, gather_contenders
+from ..rivals.finding_groups import FindingGroup, list_finding_groups
 from ..rivals.joined_warm_ups import generate_joined_warm_ups
 from ..rivals.stepped_waves import join_waves
 from ..rivals.unlisted_shapes import Price, Rival, list_rivals
@@ -37,7 +37,7 @@ from ..shapes.distinct_places import Place, find_alike
 from .effects import Claim, find_level
 from .sentences import has_contrary_signs
 from .sure_drivers import sum_by_driver
-from .told_first import find_agreed, find_constant, sum_constants
+from .told_explanations import find_agreed, find_constant, sum_constants
 from .torque_functions import list_together
 from .wave_aliases import list_aliases, weigh_aliases
 
@@ -78,10 +78,10 @@ def weigh_claims(search: Search, view: View, chosen: Sequence[int]) -> Weighed:
     drivers: dict[int, dict[str, float]] = {}
     better: list[tuple[tuple[int, ...], Candidate]] = []
     rivals = {g: list_rivals_beside(search, view, g) for g in chosen}
-    company = list_company(search.problem, {g: _price_together(search, g) for g in chosen})
+    groups = list_finding_groups(search.problem, {g: _price_together(search, g) for g in chosen})
     common = list(generate_common_steps(search, chosen))
-    company += [*common, *generate_joined_warm_ups(search, view, chosen)]
-    contenders = _gather_all(search, view, rivals.values(), company)
+    groups += [*common, *generate_joined_warm_ups(search, view, chosen)]
+    contenders = _gather_all(search, view, rivals.values(), groups)
     for g in chosen:
         levels[g], drivers[g], shape = weigh_alone(search, g, rivals[g], contenders)
         if shape is not None:
@@ -94,7 +94,7 @@ def weigh_claims(search: Search, view: View, chosen: Sequence[int]) -> Weighed:
     effects = {g: search.candidates[g] for g in chosen}
     joined = join_waves(search.problem, effects)
     better[:0] = [*joined, *list_together(search, view, chosen)]
-    for group in company:
+    for group in groups:
         shares, shape = weigh_together(search, group, contenders)
         for g in group.members:
             levels[g] = levels[g] * shares
@@ -110,11 +110,11 @@ def weigh_claims(search: Search, view: View, chosen: Sequence[int]) -> Weighed:
 
 
 def _gather_all(
-    search: Search, view: View, rivals: Iterable[Sequence[Rival]], company: Sequence[Company]
+    search: Search, view: View, rivals: Iterable[Sequence[Rival]], groups: Sequence[FindingGroup]
 ) -> Contenders:
     """Gather the rivals of all effects, and what stands in the place of several of them."""
     alone = [rival.candidate for own in rivals for rival in own]
-    together = [one for group in company for one in group.every]
+    together = [one for group in groups for one in group.every]
     return gather_contenders(search, view, [*alone, *together])
 
 
@@ -261,7 +261,7 @@ def _sum_agreeing(rivals: Sequence[Rival], probability: Array, level: str) -> fl
 
 
 def weigh_together(
-    search: Search, group: Company, contenders: Contenders
+    search: Search, group: FindingGroup, contenders: Contenders
 ) -> tuple[Array, Candidate | None]:
     """Weigh several findings of one place against one shape that no list has.
 

@@ -13,7 +13,7 @@ from ...fitting.least_squares import Fit
 from ...mechanisms.terms import Mechanism
 from ..candidates.candidate import Candidate
 from ..inference.credible_sets import CredibleSet
-from ..search.path_words import DROPPED
+from ..search.path_sentences import DROPPED
 from ..search.weighed_models import WeighedModel
 from .effect_sentences import describe_effect
 from .effects import Effect

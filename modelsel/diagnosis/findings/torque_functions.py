@@ -15,7 +15,7 @@ from ...mechanisms.motors import is_joint_motion
 from ...mechanisms.terms import Mechanism, Term
 from ...robot.kinematics import Robot
 from ..candidates.candidate import Candidate
-from ..rivals.company import build_listed
+from ..rivals.finding_groups import build_listed
 from ..search.state import Search
 from ..search.views import View
 from ..shapes.whole_torques import find_load

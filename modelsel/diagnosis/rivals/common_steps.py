@@ -24,10 +24,10 @@ from ..candidates.session_steps import (
 )
 from ..search.state import Search
 from ..shapes.candidate_kinds import CandidateKind
-from .company import Company, build_listed
+from .finding_groups import FindingGroup, build_listed
 
 
-def generate_common_steps(search: Search, chosen: Sequence[int]) -> Iterator[Company]:
+def generate_common_steps(search: Search, chosen: Sequence[int]) -> Iterator[FindingGroup]:
     """Generate the pairs of chosen steps for which one step of some targets may stand, with this step
     at every moment. Steps of one target, and of all, are candidates of every search."""
     problem = search.problem
@@ -41,7 +41,7 @@ def generate_common_steps(search: Search, chosen: Sequence[int]) -> Iterator[Com
         if len(targets) > 1 and targets != every and have_own_name(data, targets):
             common = _build_candidates(search, targets, (first, second))
             listed = build_listed([first, second])
-            yield Company((g, h), listed, common)
+            yield FindingGroup((g, h), listed, common)
 
 
 def _find_common(first: Targets, second: Targets) -> Targets:

@@ -19,14 +19,14 @@ from ..shapes.candidate_kinds import CandidateKind
 from ..shapes.distinct_places import Place
 from ..shapes.driver_functions import IN_TIME
 from ..shapes.shape_constants import find_time_constant
-from .company import Company, build_listed
+from .finding_groups import FindingGroup, build_listed
 from .unlisted_shapes import UNLISTED_ODDS
 from .warm_ups import fit_warm_up
 
 
 def generate_joined_warm_ups(
     search: Search, view: View, chosen: Sequence[int]
-) -> Iterator[Company]:
+) -> Iterator[FindingGroup]:
     """Generate the functions of time at one place, a warm-up among them, that one warm-up may stand for:
     every two, and all of the place, each with the warm-up that is most like their sum."""
     by_place: dict[Place, list[int]] = {}
@@ -45,7 +45,9 @@ def generate_joined_warm_ups(
                 yield from _join(search, view, place, group)
 
 
-def _join(search: Search, view: View, place: Place, group: tuple[int, ...]) -> Iterator[Company]:
+def _join(
+    search: Search, view: View, place: Place, group: tuple[int, ...]
+) -> Iterator[FindingGroup]:
     """Join functions of time at a place into one warm-up, if one of them is such."""
     effects = [search.candidates[g] for g in group]
     mechanisms = [effect.mechanism for effect in effects]
@@ -58,7 +60,7 @@ def _join(search: Search, view: View, place: Place, group: tuple[int, ...]) -> I
     listed = build_listed(effects)
     prior = max(effect.prior for effect in effects) * UNLISTED_ODDS
     shape = Candidate(joined, CandidateKind.CELL, prior)
-    yield Company(group, listed, (shape,))
+    yield FindingGroup(group, listed, (shape,))
 
 
 def _evaluate(search: Search, view: View, mechanism: Mechanism) -> Array:

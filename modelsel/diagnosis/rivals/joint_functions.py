@@ -17,7 +17,7 @@ from ..candidates.candidate import Candidate
 from ..candidates.candidate_list import find_cell_prior
 from ..shapes.candidate_kinds import CandidateKind
 from ..shapes.driver_functions import list_varying
-from .company import FURTHER
+from .finding_groups import FURTHER
 from .free_functions import build_function, build_surface, has_shape, name_time
 from .joint_drags import generate_drags
 from .unlisted_shapes import UNLISTED_ODDS

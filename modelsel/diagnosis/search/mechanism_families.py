@@ -14,8 +14,8 @@ import numpy as np
 
 from ..._typing import Index, Mask
 from ...mechanisms.terms import Mechanism, Screw
+from ..candidates.alike_mechanisms import number_kinds
 from ..candidates.candidate import Candidate
-from ..candidates.kin import number_kinds
 from ..candidates.own_candidates import Screws
 from ..inference.evidence import MIN_LOG_ODDS
 from ..inference.joint_curves import build_curve, see_rest

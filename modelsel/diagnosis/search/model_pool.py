@@ -23,7 +23,7 @@ import numpy as np
 
 from ..._linalg import TINY
 from ..._typing import Array, Index, Mask
-from ..candidates.kin import KIN
+from ..candidates.alike_mechanisms import KIN
 from ..columns.buckets import Bucket, build_buckets
 from ..inference.evidence import RATIOS
 from ..inference.joint_curves import Rest

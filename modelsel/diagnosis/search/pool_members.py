@@ -8,7 +8,7 @@ from itertools import combinations, zip_longest
 import numpy as np
 
 from ..._linalg import TINY
-from ..candidates.kin import number_kinds
+from ..candidates.alike_mechanisms import number_kinds
 from ..inference.evidence import compute_factors, sum_evidence
 from ..inference.joint_curves import build_curve, see_rest
 from ..inference.scan import build_scan_without

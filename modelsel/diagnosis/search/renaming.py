@@ -11,7 +11,7 @@ import numpy as np
 from ..candidates.candidate import Candidate
 from ..inference.evidence import MIN_LOG_ODDS, compute_p_value
 from .mechanism_families import generate_better_families
-from .path_words import DROPPED
+from .path_sentences import DROPPED
 from .state import LEVEL, Search
 from .views import View
 

@@ -34,7 +34,7 @@ from modelsel.diagnosis.findings.outcome import Diagnosis
 from modelsel.diagnosis.findings.sentences import label_effect
 from modelsel.diagnosis.inference.credible_sets import CredibleSet, Entry
 from modelsel.diagnosis.procedure import diagnose
-from modelsel.diagnosis.rivals.company import list_company
+from modelsel.diagnosis.rivals.finding_groups import list_finding_groups
 from modelsel.diagnosis.rivals.unlisted_shapes import (
     CHANGING,
     MORE_DRIVERS,
@@ -312,7 +312,7 @@ def test_what_a_study_lists_has_no_rivals(rng: np.random.Generator) -> None:
     at_ = small(rng)
     asked = Candidate(single((3, "rz"), q(3)).mechanism, CandidateKind.MECHANISM, 0.01, asked=True)
     assert list_rivals(at_, asked) == []
-    assert list_company(at_, {0: asked, 1: asked}) == []
+    assert list_finding_groups(at_, {0: asked, 1: asked}) == []
 
 
 @seeds(1)
@@ -324,12 +324,12 @@ def test_findings_of_one_place_are_weighed_together(rng: np.random.Generator) ->
         9: single((2, "rz"), q(1)),
         11: single((3, "rz"), q(3)),
     }
-    company = {one.members: one for one in list_company(at_, effects)}
-    assert (4, 7) in company
-    assert all(9 not in members for members in company)
+    groups = {one.members: one for one in list_finding_groups(at_, effects)}
+    assert (4, 7) in groups
+    assert all(9 not in members for members in groups)
     # one joint's own angle is weighed elsewhere, three drivers are too many for a free shape
-    assert (11,) not in company
-    kinds = {shape.kind for shape in company[4, 7, 11].shapes}
+    assert (11,) not in groups
+    kinds = {shape.kind for shape in groups[4, 7, 11].shapes}
     assert kinds == {CandidateKind.POWER}
 
 
@@ -363,13 +363,13 @@ def test_two_waves_of_a_joint_may_be_one_between(rng: np.random.Generator) -> No
     waves = {g: build_wave(3, count) for g, count in ((1, 9.25), (5, 10.0))}
     found = {g: Candidate(one, CandidateKind.JOINT_WAVE, 0.1) for g, one in waves.items()}
     found[8] = Candidate(mechanism("encoder-scale:3", at.robot), CandidateKind.MECHANISM, 0.1)
-    together = {one.members: one for one in list_company(at, found)}
+    together = {one.members: one for one in list_finding_groups(at, found)}
     shapes = together[1, 5].shapes
     assert {shape.kind for shape in shapes} == {CandidateKind.JOINT_WAVE}
     numbers = sorted(find_own_wave(shape.mechanism)[1] for shape in shapes)
     assert 9.0 < numbers[0] < 9.25 < numbers[-1] < 10.25
     scale_and_eccentricity = {1: found[8], 2: single((3, "rz"), sin(q(3)), cos(q(3)))}
-    assert not list_company(at, scale_and_eccentricity)
+    assert not list_finding_groups(at, scale_and_eccentricity)
 
 
 def test_two_names_of_one_move_say_the_same(rng: np.random.Generator) -> None:

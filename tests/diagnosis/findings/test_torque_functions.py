@@ -23,7 +23,7 @@ from modelsel.diagnosis.findings.outcome import Diagnosis
 from modelsel.diagnosis.findings.torque_functions import find_bend, find_loaded_joint, list_together
 from modelsel.diagnosis.inference.credible_sets import CredibleSet, Entry
 from modelsel.diagnosis.procedure import diagnose
-from modelsel.diagnosis.rivals.company import FURTHER
+from modelsel.diagnosis.rivals.finding_groups import FURTHER
 from modelsel.diagnosis.rivals.soft_shapes import build_soft_springs, list_springs
 from modelsel.diagnosis.shapes.candidate_kinds import CandidateKind
 from modelsel.diagnosis.shapes.torque_powers import build_powers

@@ -12,7 +12,7 @@ from hidden_arm import measured as measure
 from modelsel.diagnosis.candidates.candidate import Candidate
 from modelsel.diagnosis.findings.effects import Effect
 from modelsel.diagnosis.procedure import diagnose
-from modelsel.diagnosis.rivals.company import list_company
+from modelsel.diagnosis.rivals.finding_groups import list_finding_groups
 from modelsel.diagnosis.rivals.unlisted_shapes import list_rivals
 from modelsel.diagnosis.shapes.candidate_kinds import CandidateKind
 from modelsel.diagnosis.shapes.unregistered import build_wave
@@ -42,7 +42,7 @@ def test_a_changing_ripple_stands_against_two_waves_that_are_two_apart(rng: Rng)
     at = drawn("puma760", rng, 60)
     count = int(rng.integers(6, 40))
     found = [Candidate(build_wave(2, count + k), CandidateKind.JOINT_WAVE, 0.01) for k in (1, -1)]
-    (together,) = list_company(at, dict(enumerate(found)))
+    (together,) = list_finding_groups(at, dict(enumerate(found)))
     (loaded,) = keep_ripples(list(together.others))
     turning = keep_ripples(list(together.shapes))
     assert len(turning) > 6
@@ -62,14 +62,16 @@ def test_a_changing_ripple_stands_against_two_waves_that_are_two_apart(rng: Rng)
     for apart in (1, 3, 4):
         pair = [build_wave(2, count), build_wave(2, count + apart)]
         other = {g: Candidate(m, CandidateKind.JOINT_WAVE, 0.01) for g, m in enumerate(pair)}
-        assert not [r for one in list_company(at, other) for r in keep_ripples(list(one.every))]
+        assert not [
+            r for one in list_finding_groups(at, other) for r in keep_ripples(list(one.every))
+        ]
 
 
 @seeds(1)
 def test_changing_ripples_stand_against_each_other(rng: Rng) -> None:
     at = drawn("puma760", rng, 60)
     pair = [Candidate(build_wave(3, k), CandidateKind.JOINT_WAVE, 0.01) for k in (11, 13)]
-    (together,) = list_company(at, dict(enumerate(pair)))
+    (together,) = list_finding_groups(at, dict(enumerate(pair)))
     (loaded,) = (one for one in together.others if one.kind is CandidateKind.RIPPLE)
     turning = [one for one in together.shapes if one.kind is CandidateKind.RIPPLE]
     beside = [r for r in list_rivals(at, loaded) if r.candidate.kind is CandidateKind.RIPPLE]

@@ -16,8 +16,8 @@ from searches import search_separated
 from modelsel.diagnosis.candidates.candidate import Candidate
 from modelsel.diagnosis.candidates.candidate_list import build_candidates
 from modelsel.diagnosis.findings.claim_sentences import describe_what
-from modelsel.diagnosis.rivals.company import list_company
 from modelsel.diagnosis.rivals.field_distortions import generate_distortions
+from modelsel.diagnosis.rivals.finding_groups import list_finding_groups
 from modelsel.diagnosis.rivals.unlisted_shapes import list_rivals
 from modelsel.diagnosis.shapes.candidate_kinds import CandidateKind
 from modelsel.fitting.design import Model
@@ -97,11 +97,11 @@ def test_distortions_stand_against_errors_of_an_instrument_alone(rng: np.random.
     axes = Candidate(mechanism("tracker-axes", at.robot), CandidateKind.MECHANISM, 0.1)
     alike = {r.candidate.label for r in list_rivals(at, zenith) if r.agrees == "drivers"}
     assert names <= alike
-    (together,) = list_company(at, {3: zenith, 4: axes})
+    (together,) = list_finding_groups(at, {3: zenith, 4: axes})
     assert {shape.label for shape in together.shapes} == names
-    # none of its members is a shape that stands against a company
+    # none of its members is a shape that stands against a group
     field = Candidate(together.shapes[-1].mechanism, CandidateKind.DISTORTION, 0.1)
-    (beside,) = list_company(at, {3: axes, 4: field})
+    (beside,) = list_finding_groups(at, {3: axes, 4: field})
     assert {shape.label for shape in beside.shapes} == names - {field.label}
     for name in ("base-tilt", "encoder-scale:2", "geometric"):
         assert list(generate_distortions(at, mechanism(name, at.robot))) == []

@@ -13,7 +13,7 @@ from modelsel.diagnosis.candidates.candidate import Candidate
 from modelsel.diagnosis.candidates.candidate_list import build_candidates
 from modelsel.diagnosis.candidates.signatures import read_signatures
 from modelsel.diagnosis.findings.sentences import describe_candidate
-from modelsel.diagnosis.rivals.company import list_company
+from modelsel.diagnosis.rivals.finding_groups import list_finding_groups
 from modelsel.diagnosis.rivals.joint_drags import (
     MIN_VISITS,
     build_drag,
@@ -120,10 +120,10 @@ def test_hysteresis_stands_against_several_findings_of_a_joints_motion(
     drags = {drag.name for drag in generate_drags(at, 4)}
     play = Candidate(mechanism("approach-backlash:4", at.robot), CandidateKind.MECHANISM, 0.1)
     scale = Candidate(mechanism("encoder-scale:4", at.robot), CandidateKind.MECHANISM, 0.1)
-    (together,) = list_company(at, {5: play, 7: scale})
+    (together,) = list_finding_groups(at, {5: play, 7: scale})
     assert keep_drags(list(together.shapes)) == drags
     foreign = Candidate(one(4, "rz", q(2)), CandidateKind.CELL, 0.1)
-    (together,) = list_company(at, {5: play, 7: foreign})
+    (together,) = list_finding_groups(at, {5: play, 7: foreign})
     assert not keep_drags(list(together.shapes))
 
 

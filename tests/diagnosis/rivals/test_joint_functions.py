@@ -8,7 +8,7 @@ from builders import drawn, measured, seeds, small_arm
 from searches import search_separated
 
 from modelsel.diagnosis.candidates.candidate_list import build_candidates
-from modelsel.diagnosis.rivals.company import FURTHER
+from modelsel.diagnosis.rivals.finding_groups import FURTHER
 from modelsel.diagnosis.rivals.joint_functions import (
     generate_curves,
     generate_surfaces,

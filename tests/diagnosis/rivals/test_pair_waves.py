@@ -10,7 +10,7 @@ from searches import search_separated
 
 from modelsel.diagnosis.candidates.candidate import Candidate
 from modelsel.diagnosis.candidates.candidate_list import build_candidates
-from modelsel.diagnosis.rivals.company import list_company
+from modelsel.diagnosis.rivals.finding_groups import list_finding_groups
 from modelsel.diagnosis.rivals.pair_waves import COUNTS, generate_pair_waves, list_pair_waves
 from modelsel.diagnosis.rivals.unlisted_shapes import list_rivals
 from modelsel.diagnosis.shapes.candidate_kinds import CandidateKind
@@ -63,7 +63,7 @@ def test_waves_of_its_two_readings_stand_against_a_finding(rng: np.random.Genera
     # two findings of one reading each, too
     second = Candidate(build_cell((3, "rz"), (q(2),)), CandidateKind.CELL, 0.01)
     third = Candidate(build_cell((3, "rz"), (q(3) * q(3),)), CandidateKind.CELL, 0.01)
-    (together,) = list_company(at, {5: second, 7: third})
+    (together,) = list_finding_groups(at, {5: second, 7: third})
     assert keep_waves(list(together.shapes)) == waves
     # neither elsewhere nor of anything else
     for place, cause in (((3, "tx"), difference), ((3, "rz"), q(2) * Named("approach3"))):

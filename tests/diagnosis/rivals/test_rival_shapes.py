@@ -8,7 +8,7 @@ from builders import drawn, seeds, small_arm
 
 from modelsel.diagnosis.candidates.candidate import Candidate
 from modelsel.diagnosis.rivals.changing_shapes import generate_changing
-from modelsel.diagnosis.rivals.company import list_company
+from modelsel.diagnosis.rivals.finding_groups import list_finding_groups
 from modelsel.diagnosis.rivals.simple_shapes import generate_soft_lags
 from modelsel.diagnosis.rivals.unlisted_shapes import list_rivals
 from modelsel.diagnosis.shapes.campaign_clocks import build_warming_causes
@@ -129,8 +129,8 @@ def test_a_finding_stands_against_itself_changing_along_the_campaign(
         1: Candidate(scale, CandidateKind.MECHANISM, 0.1),
         2: Candidate(growing, CandidateKind.GROWTH, 0.1),
     }
-    (company,) = list_company(at, found)
-    assert set(changing) <= {shape.mechanism for shape in company.shapes}
+    (group,) = list_finding_groups(at, found)
+    assert set(changing) <= {shape.mechanism for shape in group.shapes}
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from modelsel.diagnosis.candidates.candidate import Candidate
 from modelsel.diagnosis.candidates.signatures import PROVEN
 from modelsel.diagnosis.findings.claims import weigh_together
 from modelsel.diagnosis.procedure import diagnose
-from modelsel.diagnosis.rivals.company import Company, list_company
+from modelsel.diagnosis.rivals.finding_groups import FindingGroup, list_finding_groups
 from modelsel.diagnosis.rivals.soft_shapes import (
     build_cornered_springs,
     build_soft_springs,
@@ -139,8 +139,8 @@ def test_soft_steps_stand_in_the_place_of_several_waves_of_a_joint(rng: Rng) -> 
     third = build_wave(2, 3.0)
     steps = list_soft_steps(problem, (first, third))
     assert steps
-    (company,) = list_company(problem, {1: wave_of(first), 4: wave_of(third)})
-    assert set(steps) <= {one.mechanism for one in company.shapes}
+    (group,) = list_finding_groups(problem, {1: wave_of(first), 4: wave_of(third)})
+    assert set(steps) <= {one.mechanism for one in group.shapes}
     scale = mechanism("encoder-scale:2", problem.robot)
     assert not list_soft_steps(problem, (first, scale))
 
@@ -172,27 +172,27 @@ def test_springs_are_of_another_driver_than_functions_of_readings(rng: Rng) -> N
     compliance = mechanism("joint-compliance:3", problem.robot)
     step = mechanism("backlash:3", problem.robot)
     by_torque = {1: wave_of(compliance), 2: wave_of(build_powers(problem, 3)["1.5"])}
-    (company,) = list_company(problem, by_torque)
-    assert not company.others
-    assert set(build_soft_springs(problem, 3)) <= {one.mechanism for one in company.shapes}
+    (group,) = list_finding_groups(problem, by_torque)
+    assert not group.others
+    assert set(build_soft_springs(problem, 3)) <= {one.mechanism for one in group.shapes}
     twist = mechanism("joint3-twist", problem.robot)
-    (company,) = list_company(problem, {1: wave_of(twist), 2: wave_of(step)})
-    assert {name for one in company.others for name in one.mechanism.names()} == {"torque3"}
+    (group,) = list_finding_groups(problem, {1: wave_of(twist), 2: wave_of(step)})
+    assert {name for one in group.others for name in one.mechanism.names()} == {"torque3"}
 
 
 def test_shapes_of_another_driver_take_the_drivers_too() -> None:
     found, alike, other = (
         Candidate(build_cell((3, "rz"), (q(j),)), CandidateKind.SHAPE, 0.1) for j in (1, 2, 3)
     )
-    company = Company((4, 7), found, (alike,), (other,))
+    group = FindingGroup((4, 7), found, (alike,), (other,))
     search = cast(Any, SimpleNamespace(candidates=dict.fromkeys((4, 7), found)))
     factors = np.log(np.array([[5.0, 3.0, 2.0]]))
     contenders = cast(Any, SimpleNamespace(weigh=lambda _, which: factors[:, : len(which)]))
-    shares, better = weigh_together(search, company, contenders)
+    shares, better = weigh_together(search, group, contenders)
     np.testing.assert_allclose(shares, [1.0, 0.8, 0.5, 0.5])
     assert better is None
     factors = np.log(np.array([[1.0, 1.0, 8.0]]))
-    shares, better = weigh_together(search, company, contenders)
+    shares, better = weigh_together(search, group, contenders)
     np.testing.assert_allclose(shares, [1.0, 0.2, 0.1, 0.1])
     assert better is other
 

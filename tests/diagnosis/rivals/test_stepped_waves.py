@@ -13,7 +13,7 @@ from modelsel.diagnosis.candidates.candidate import Candidate
 from modelsel.diagnosis.findings.outcome import Diagnosis
 from modelsel.diagnosis.findings.step_sides import find_open_sides
 from modelsel.diagnosis.procedure import diagnose
-from modelsel.diagnosis.rivals.company import list_company
+from modelsel.diagnosis.rivals.finding_groups import list_finding_groups
 from modelsel.diagnosis.rivals.stepped_waves import (
     generate_other_moments,
     generate_stepped_waves,
@@ -84,7 +84,7 @@ def test_what_changes_with_a_reading_and_time_may_change_at_a_moment(rng: Rng) -
     # two findings, of which one is in time, may be one, too
     step = Candidate(zero_step(at.robot, 2, 0.4), CandidateKind.MECHANISM, 0.1)
     wave = Candidate(mechanism("gear-eccentricity:2", at.robot), CandidateKind.MECHANISM, 0.1)
-    (together,) = list_company(at, {3: step, 8: wave})
+    (together,) = list_finding_groups(at, {3: step, 8: wave})
     shapes = {one.mechanism for one in together.shapes if one.kind is CandidateKind.STEPPED_WAVE}
     assert shapes == offered
     elsewhere = build_cell((3, "tx"), (Named("progress") * q(3),))

@@ -13,7 +13,7 @@ from modelsel.diagnosis.candidates.candidate import Candidate
 from modelsel.diagnosis.candidates.signatures import PROVEN
 from modelsel.diagnosis.findings.effects import Effect
 from modelsel.diagnosis.procedure import diagnose
-from modelsel.diagnosis.rivals.company import list_company
+from modelsel.diagnosis.rivals.finding_groups import list_finding_groups
 from modelsel.diagnosis.rivals.uneven_bases import generate_uneven_bases
 from modelsel.diagnosis.rivals.unlisted_shapes import list_rivals
 from modelsel.diagnosis.shapes.candidate_kinds import CandidateKind
@@ -73,16 +73,16 @@ def test_what_depends_on_the_load_of_the_base_is_weighed_against_it(rng: Rng) ->
         assert {r.candidate.mechanism for r in beside} == tilts
         assert {r.agrees for r in beside} == {""}
     assert not [r for r in list_rivals(at, other) if r.candidate.kind is KIND]
-    (together,) = list_company(at, {2: base, 5: waves, 7: other})
+    (together,) = list_finding_groups(at, {2: base, 5: waves, 7: other})
     assert together.members == (2, 5)
     assert {one.mechanism for one in together.others} == tilts
-    assert list_company(at, {7: other}) == []
+    assert list_finding_groups(at, {7: other}) == []
     # uneven bases stand against each other, at their place
     own, *_ = together.others
     beside = [r for r in list_rivals(at, own) if r.candidate.kind is KIND]
     assert {r.candidate.mechanism for r in beside} == tilts - {own.mechanism}
     assert {r.agrees for r in beside} == {"place"}
-    assert not list_company(at, {2: own, 5: waves})
+    assert not list_finding_groups(at, {2: own, 5: waves})
 
 
 def explain(rng: Rng, uneven: bool) -> list[Effect]:

@@ -12,8 +12,8 @@ from modelsel.diagnosis.candidates.candidate import Candidate
 from modelsel.diagnosis.candidates.candidate_list import build_candidates
 from modelsel.diagnosis.candidates.signatures import LEVELS
 from modelsel.diagnosis.findings.outcome import Diagnosis
-from modelsel.diagnosis.findings.told_first import sum_constants
-from modelsel.diagnosis.rivals.company import list_company
+from modelsel.diagnosis.findings.told_explanations import sum_constants
+from modelsel.diagnosis.rivals.finding_groups import list_finding_groups
 from modelsel.diagnosis.rivals.unlisted_shapes import list_rivals
 from modelsel.diagnosis.shapes.candidate_kinds import CandidateKind
 from modelsel.diagnosis.shapes.unregistered import build_cell
@@ -90,11 +90,11 @@ def test_waves_across_a_joints_axis_stand_against_a_free_function_together(
     at = load(3, rng)
     waves = [build_cell((2, "tx"), (sin(k * q(2)), cos(k * q(2)))) for k in (1.0, 2.0)]
     found = {g: Candidate(one, CandidateKind.WAVE, 0.01) for g, one in enumerate(waves)}
-    (company,) = list_company(at, found)
-    assert company.members == (0, 1)
-    assert all(one.mechanism.names() == {"q2"} for one in company.shapes)
-    assert max(len(one.mechanism.terms) for one in company.shapes) > 4
-    (place,) = {place for one in company.shapes for place in one.mechanism.names_by_place()}
+    (group,) = list_finding_groups(at, found)
+    assert group.members == (0, 1)
+    assert all(one.mechanism.names() == {"q2"} for one in group.shapes)
+    assert max(len(one.mechanism.terms) for one in group.shapes) > 4
+    (place,) = {place for one in group.shapes for place in one.mechanism.names_by_place()}
     assert place == (2, "tx")
 
 

@@ -12,7 +12,7 @@ from searches import search_separated
 from modelsel.diagnosis.candidates.candidate import Candidate
 from modelsel.diagnosis.candidates.candidate_list import build_candidates
 from modelsel.diagnosis.candidates.signatures import read_signatures
-from modelsel.diagnosis.findings.told_first import find_constant, sum_constants
+from modelsel.diagnosis.findings.told_explanations import find_constant, sum_constants
 from modelsel.diagnosis.rivals.unlisted_shapes import list_rivals
 from modelsel.diagnosis.rivals.warm_ups import APART, fit_warm_up, generate_finer_warm_ups
 from modelsel.diagnosis.shapes.campaign_clocks import build_warm_ups, build_warming_causes

@@ -11,7 +11,7 @@ from searches import search_separated
 from modelsel.diagnosis.candidates.candidate import Candidate
 from modelsel.diagnosis.candidates.candidate_list import build_candidates, find_cell_prior
 from modelsel.diagnosis.candidates.signatures import LEVELS, read_signatures
-from modelsel.diagnosis.findings.told_first import find_constant, sum_constants
+from modelsel.diagnosis.findings.told_explanations import find_constant, sum_constants
 from modelsel.diagnosis.rivals.confounded_covariates import find_confounded
 from modelsel.diagnosis.rivals.unlisted_shapes import Price, list_rivals
 from modelsel.diagnosis.shapes.candidate_kinds import CandidateKind

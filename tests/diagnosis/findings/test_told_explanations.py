@@ -9,7 +9,7 @@ import pytest
 from builders import drawn
 
 from modelsel.diagnosis.candidates.candidate import Candidate
-from modelsel.diagnosis.findings.told_first import find_agreed, find_constant
+from modelsel.diagnosis.findings.told_explanations import find_agreed, find_constant
 from modelsel.diagnosis.shapes.candidate_kinds import CandidateKind
 from modelsel.diagnosis.shapes.torque_powers import build_powers, generate_powers
 from modelsel.diagnosis.shapes.unregistered import build_cell

@@ -1,4 +1,4 @@
-"""Findings of one place in company: one shape that no list has may explain what several listed ones
+"""Findings of one place, taken together: one shape that no list has may explain what several listed ones
 approximate."""
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ FURTHER = 0.1
 
 
 @dataclass(frozen=True)
-class Company:
+class FindingGroup:
     """Findings of one place: their numbers, all of them as one candidate, and shapes of their
     drivers that no list has; `others`: shapes of another driver, which these depend on."""
 
@@ -46,7 +46,7 @@ class Company:
         return (self.listed, *self.shapes, *self.others)
 
 
-def list_company(problem: Problem, effects: Mapping[int, Candidate]) -> list[Company]:
+def list_finding_groups(problem: Problem, effects: Mapping[int, Candidate]) -> list[FindingGroup]:
     """List the findings that share a place: every two, and all of a place together; and those that an
     uneven base may stand for.
 
@@ -63,12 +63,14 @@ def list_company(problem: Problem, effects: Mapping[int, Candidate]) -> list[Com
         for group in (*combinations(members, 2), tuple(members)):
             if len(group) > 1:
                 groups.setdefault(group, place)
-    company = [_build_company(problem, effects, group, place) for group, place in groups.items()]
+    gathered = [_build_group(problem, effects, group, place) for group, place in groups.items()]
     uneven = _generate_on_uneven(problem, effects)
-    return [*(one for one in company if one is not None), *uneven]
+    return [*(one for one in gathered if one is not None), *uneven]
 
 
-def _generate_on_uneven(problem: Problem, effects: Mapping[int, Candidate]) -> Iterator[Company]:
+def _generate_on_uneven(
+    problem: Problem, effects: Mapping[int, Candidate]
+) -> Iterator[FindingGroup]:
     """Generate the findings, of any places, that one tilt of an uneven base may stand for: every two, all
     but one, and all."""
     members = [g for g, one in effects.items() if depends_on_load(one.mechanism)]
@@ -83,12 +85,12 @@ def _generate_on_uneven(problem: Problem, effects: Mapping[int, Candidate]) -> I
             continue
         prior = UNLISTED_ODDS * max(one.prior for one in own) / len(tilts)
         others = [Candidate(tilt, kind, prior) for tilt in tilts]
-        yield Company(group, build_listed(own), (), tuple(others))
+        yield FindingGroup(group, build_listed(own), (), tuple(others))
 
 
-def _build_company(
+def _build_group(
     problem: Problem, effects: Mapping[int, Candidate], members: tuple[int, ...], place: Place
-) -> Company | None:
+) -> FindingGroup | None:
     mechanisms = [effects[g].mechanism for g in members]
     drivers = frozenset[str]().union(*(mechanism.names() for mechanism in mechanisms))
     if drivers == {f"q{place[0]}"} and is_joint_motion(problem.robot, place):
@@ -118,8 +120,8 @@ def _build_company(
     loaded += [Candidate(m, CandidateKind.RIPPLE, odds) for m in rippling]
     listed = build_listed([effects[g] for g in members])
     if f"torque{place[0]}" in drivers:
-        return Company(members, listed, (*weighed, *soft, *loaded))
-    return Company(members, listed, (*weighed, *soft), tuple(loaded))
+        return FindingGroup(members, listed, (*weighed, *soft, *loaded))
+    return FindingGroup(members, listed, (*weighed, *soft), tuple(loaded))
 
 
 def build_listed(effects: Sequence[Candidate]) -> Candidate:
