@@ -51,34 +51,42 @@ def arrange_as_targets(
         kept = _keep_cells(table, cells, rows)
         if contract in FIGURE_COLUMNS or contract == CONFIGURATION and _repeats(kept):
             continue
-        size = 1.0
-        source = contract
-        position = POSITION_COLUMN.fullmatch(contract)
-        if position:
-            source = f"{position[1]}_mm"
-            size = UNITS[position[2]]
+        source, size = _find_source(contract)
         used.add(source)
-        if source not in computed:
-            arranged[own] = kept
-            continue
-        if own != contract:
-            size *= _measure_unit(table, contract, own, prismatic)
-        values = frame[source].to_numpy()
-        arranged[own] = values if size == 1 else values / size
+        if source in computed:
+            if own != contract:
+                size *= _measure_unit(table, contract, own, prismatic)
+            values = frame[source].to_numpy()
+            kept = values if size == 1 else values / size
+        arranged[_mean_text(table, own)] = kept
     for name in frame.columns:
         if name not in used:
             arranged[name] = frame[name].to_numpy()
     return pd.DataFrame(arranged)
 
 
+def _find_source(contract: str) -> tuple[str, float]:
+    """Find the column of commands that a column of the targets has, and the targets' unit in the unit
+    of that: their positions may be in another unit than mm."""
+    position = POSITION_COLUMN.fullmatch(contract)
+    if position is None:
+        return contract, 1.0
+    return f"{position[1]}_mm", UNITS[position[2]]
+
+
 def _keep_cells(table: Table, cells: NDArray[Any], rows: NDArray[np.intp]) -> NDArray[Any]:
     """Return cells of a column as they were meant: those of a text file may be guarded against
     spreadsheets, which is done anew where they are written."""
     kept = np.asarray(cells)[rows]
-    if not table.where.is_text or kept.dtype.kind in NUMBER_KINDS:
+    if kept.dtype.kind in NUMBER_KINDS:
         return kept
-    meant = [unguard_cell(cell) if isinstance(cell, str) else cell for cell in kept]
+    meant = [_mean_text(table, cell) if isinstance(cell, str) else cell for cell in kept]
     return np.array(meant, dtype=kept.dtype)
+
+
+def _mean_text(table: Table, cell: str) -> str:
+    """Return a cell, or the name of a column, without what guards it."""
+    return unguard_cell(cell) if table.where.is_text else cell
 
 
 def _list_computed(frame: pd.DataFrame, forward: bool) -> set[str]:

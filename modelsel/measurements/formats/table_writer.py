@@ -7,6 +7,7 @@ import csv
 import datetime as dt
 import io
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -26,6 +27,7 @@ DIGITS = "%.10g"
 FALLBACK_ENCODING = "utf-8-sig"  # of a text that the encoding of the other file cannot hold
 # when a workbook was made, which is told in no cell: the same for all, the earliest moment that zip knows
 LONG_AGO = dt.datetime(1980, 1, 1, tzinfo=dt.UTC)
+LABEL_OF_DIGITS = re.compile("[-+]?0[0-9]")  # "007" is a name: no number is written so
 AS_TEXT = {"strings_to_formulas": False, "strings_to_urls": False, "in_memory": True}
 
 
@@ -87,7 +89,8 @@ def _is_missing(cell: Any) -> bool:
 
 
 def _read_number(cell: Any) -> Any:
-    """Return the number that a cell is, as a float; None for an empty one, others as they are."""
+    """Return the number that a cell is, as a float; None for an empty one, others as they are, such as
+    a label of digits."""
     if isinstance(cell, bool):
         return cell
     if isinstance(cell, (int, float)):
@@ -95,7 +98,8 @@ def _read_number(cell: Any) -> Any:
     text = str(cell or "").strip()
     if not text:
         return None
-    return float(text) if PLAIN.fullmatch(text) else cell
+    is_number = PLAIN.fullmatch(text) and not LABEL_OF_DIGITS.match(text)
+    return float(text) if is_number else cell
 
 
 # -- text

@@ -153,6 +153,25 @@ def test_positions_stay_in_metres(folder, made, plan) -> None:
     np.testing.assert_allclose(back[["x_m", "y_m", "z_m"]], position, rtol=0, atol=1e-6)
 
 
+def test_a_guarded_header_is_not_guarded_twice(plan, folder) -> None:
+    guarded = plan.rename(columns={"Vorschub": "'=Vorschub"})
+    guarded.to_csv(folder / "plan.csv", index=False)
+    compensate(folder, folder / "plan.csv", folder / "out.csv")
+    assert list(pd.read_csv(folder / "out.csv"))[: guarded.shape[1]] == list(guarded)
+
+
+def test_labels_of_digits_stay_labels_in_a_workbook(plan, folder) -> None:
+    from openpyxl import load_workbook
+
+    labels = [f"{k:03d}" for k in range(len(plan))]
+    plan.assign(Bemerkung=labels).to_csv(folder / "plan.csv", index=False)
+    compensate(folder, folder / "plan.csv", folder / "out.xlsx")
+    names, *rows = load_workbook(folder / "out.xlsx").active.values
+    wrote = pd.DataFrame(rows, columns=names)
+    assert wrote["Bemerkung"].tolist() == labels
+    assert all(isinstance(value, (int, float)) for value in wrote["Vorschub"])
+
+
 def test_a_guarded_cell_is_not_guarded_twice(plan, folder) -> None:
     notes = ["'=1+1", "''=1+1", "=2+2", "Griff"] * 3
     plan.assign(Bemerkung=notes[: len(plan)]).to_csv(folder / "plan.csv", index=False)
