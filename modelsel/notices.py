@@ -34,6 +34,7 @@ class Note:
 
 
 STEP_SIDE_OPEN = "step-side-open"
+OUTLIERS_MANY = "outliers-many"
 SETUP_MISTAKE, OTHER_ROBOT = "setup-mistake", "other-robot"
 ROWS_MISTAKEN, ROWS_LATE, HOPELESS_FIT = "rows-mistaken", "rows-late", "hopeless-fit"
 
@@ -100,6 +101,7 @@ CODES = {
     "table-differs": "the table of subsets chooses another model than naming",
     "search-unproven": "the best subset found by BIC is not proven to be the best",
     STEP_SIDE_OPEN: "held-out rows lie between the estimation rows that a step lies between",
+    OUTLIERS_MANY: "so many rows are left out as outliers that they may be what the arm does there",
     "held-out-against": "held-out rows speak against a finding",
     "held-out-surprise": "held-out errors are larger than cross-validation promises",
     "held-out-far": "a few held-out rows err far more than any does in cross-validation",
@@ -127,6 +129,7 @@ ALARMS = {
     OTHER_ROBOT: "Check the robot",
     "rows-shifted": "Check the rows",
     ROWS_MISTAKEN: "Check the rows",
+    OUTLIERS_MANY: "Check the outliers",
     "stated-uncertainty": "Check the uncertainties",
     "floor-unlike": "Check the noise floor",
     "beyond-tolerance": "Check the robot",
@@ -138,7 +141,13 @@ ALARMS = {
 # faults of the data, each with the alarm that says as much
 ALARM_OF_FAULT = {"swapped-reflectors": "labels-swapped", "row-order": "rows-shifted"}
 # alarms that do not explain why a fit is bad
-NOISE_CODES = {"stated-uncertainty", "floor-unlike", "gravity-upwards", "gravity-elsewhere"}
+NOISE_CODES = {
+    OUTLIERS_MANY,
+    "stated-uncertainty",
+    "floor-unlike",
+    "gravity-upwards",
+    "gravity-elsewhere",
+}
 
 
 def list_alarms(notes: Sequence[Coded]) -> list[str]:

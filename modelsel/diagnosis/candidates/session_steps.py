@@ -248,7 +248,8 @@ def _say_rows(data: Measurements, at: float) -> str:
     if not begins:
         return ""
     progress, where = data.progress, data.where
-    is_before = progress < at
+    # a row at that very moment is not after it
+    is_before = progress <= at
     before = np.flatnonzero(is_before)
     after = np.flatnonzero(~is_before)
     latest = progress[before].argmax()

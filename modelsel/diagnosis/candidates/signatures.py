@@ -56,7 +56,7 @@ SEEN = "the target's place"
 # names of one move that no measurement tells apart: a bump and a step of the tracker
 SAME_MOVE = {FaultKind.TRACKER_BUMPED.label: SET_UP_STEP}
 # kinds of one shape, whatever its constant: the reading at which it sets in, the number of slow waves,
-# the way over which hysteresis builds up, the moment at which a wave changes
+# the way over which hysteresis builds up, the moment at which a wave changes or a link moves
 OF_ONE_SHAPE = (
     CandidateKind.JUMP,
     CandidateKind.RAMP,
@@ -66,6 +66,7 @@ OF_ONE_SHAPE = (
     CandidateKind.HYSTERESIS,
     CandidateKind.FALL,
     CandidateKind.STEPPED_WAVE,
+    CandidateKind.MOVED_LINK,
 )
 
 

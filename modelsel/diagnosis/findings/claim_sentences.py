@@ -33,8 +33,8 @@ MOST_DRIVERS = 6
 SEEN_WRONGLY = "The instrument measures wrongly, by an amount that depends on where the target is"
 # kinds whose coefficients say little one by one
 WITHOUT_SIZE = (CandidateKind.SHAPE, CandidateKind.DISTORTION)
-# kinds whose own sentences say which target they move, and with what
-OF_TARGET = (CandidateKind.TARGET_CELL, CandidateKind.TARGET_SHIFT)
+# kinds whose own sentences say what they move, and with what
+TOLD_IN_FULL = (CandidateKind.TARGET_CELL, CandidateKind.TARGET_SHIFT, CandidateKind.MOVED_LINK)
 # what else a finding could be that is proven down to a level
 REST = {
     "place": "something else there",
@@ -362,7 +362,7 @@ def _describe_shape(effect: Effect) -> str:
         return f"{name_places(effect)} by a free function of its own angle"
     if candidate.kind is CandidateKind.DISTORTION:
         return f"The instrument measures wrongly, by a {candidate.label}"
-    if candidate.kind in OF_TARGET:
+    if candidate.kind in TOLD_IN_FULL:
         return candidate.mechanism.sentence
     if candidate.registered and len(candidate.mechanism.names()) > MOST_DRIVERS:
         return f"{name_places(effect)} as {candidate.label} describes, but with other signs"

@@ -18,6 +18,7 @@ from ...mechanisms.moved_targets import find_moved_targets
 from ...mechanisms.step_moments import list_step_moments
 from ...mechanisms.terms import Mechanism
 from ..candidates.session_steps import name_steps
+from ..rivals.moved_links import find_moved_frame
 from ..rivals.stepped_waves import find_stepped_joint
 from .effects import Effect
 
@@ -26,7 +27,7 @@ from .effects import Effect
 class OpenSide:
     """The held-out `rows` (m,) whose side of a step is not known.
 
-    `step`: the step's name, or of which waves it is; `before`, `after`: the indices of the estimation rows around it, between
+    `step`: the step's name, or of which waves or frame it is; `before`, `after`: the indices of the estimation rows around it, between
     which they lie; or else they are of the `target` (0-based) of which no estimation row tells whether it
     moved, and `later`, or not, than that."""
 
@@ -52,14 +53,20 @@ def find_open_sides(
     for mechanism in mechanisms:
         is_of_targets = mechanism.stem == TARGET_STEP
         joint = find_stepped_joint(mechanism)
-        if mechanism.name not in steps and not is_of_targets and not joint:
+        frame = find_moved_frame(mechanism)
+        is_other = bool(joint or frame)
+        if mechanism.name not in steps and not is_of_targets and not is_other:
             continue
         moments = _list_moments(mechanism, effects)
         moved = _find_moved(problem, mechanism)
         around = _find_around(problem, used & moved, moments)
         if around is None:
             continue
-        name = f"of joint {joint}'s waves" if joint else mechanism.name
+        name = mechanism.name
+        if joint:
+            name = f"of joint {joint}'s waves"
+        elif frame:
+            name = f"of frame {frame}"
         sides = [_find_between(problem, moved, name, around)]
         if is_of_targets:
             sides += _find_untold(problem, used, moved, mechanism.name, around)

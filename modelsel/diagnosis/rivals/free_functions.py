@@ -12,7 +12,7 @@ import numpy as np
 
 from ...fitting.problem import Problem
 from ...mechanisms.causes import ONE, Cause, Named
-from ...mechanisms.motors import joint_axis
+from ...mechanisms.motors import joint_axis, moved_joints
 from ...mechanisms.terms import Mechanism, Screw, Term
 from ..shapes.distinct_places import Place
 from ..shapes.driver_functions import level_off, list_varying, scale_driver
@@ -198,13 +198,14 @@ def _list_others(problem: Problem, drivers: Drivers) -> list[str]:
 def _find_joint_with_direction(
     problem: Problem, parts: Mapping[Place, Drivers], drivers: Drivers
 ) -> int | None:
-    """Find the joint that a finding moves with the direction it came from, if that is all it has."""
+    """Find the joint, or the motor, that a finding moves with the direction it came from, if that is all it
+    has."""
     robot = problem.robot
     for joint in range(1, robot.n + 1):
-        axis = joint_axis(robot, joint)
-        motion = joint, axis
+        moved = moved_joints(robot, joint)
+        motions = {(one, joint_axis(robot, one)) for one in moved}
         came_from = f"approach{joint}"
-        if drivers == {came_from} and list(parts) == [motion]:
+        if drivers == {came_from} and parts.keys() == motions:
             return joint
     return None
 

@@ -5,7 +5,8 @@ another one there, or of its own drivers at another place; or the finding's own 
 the campaign. Beforehand, unlisted shapes of given drivers at a given place are half as probable
 together as what is listed of these there: of the finding's own as the finding, whatever its constant,
 elsewhere as a cell of the error map. What changes with some further driver is a tenth as probable as
-the finding, what changes in size along the campaign a twentieth. To a wave, a bump and a warm-up come those with
+the finding, what changes in size along the campaign a twentieth, and so is a link that moved beside a step.
+To a wave, a bump and a warm-up come those with
 constants near its own, which are one question with it; to a covariate what else changed when it did."""
 
 from __future__ import annotations
@@ -44,6 +45,7 @@ from .free_functions import (
     generate_shapes,
 )
 from .joint_drags import generate_drags_instead, generate_other_widths
+from .moved_links import find_moved_frame, generate_moved_links
 from .pair_waves import generate_waves_together
 from .simple_shapes import generate_products, generate_pulls, generate_saws, generate_soft_lags
 from .soft_shapes import DISTINCT, generate_soft_springs, generate_soft_steps
@@ -83,6 +85,8 @@ MORE_DRIVERS = 0.1
 UNLISTED_ODDS = 0.5
 # prior probability of a finding that changes along the campaign over that of the finding
 CHANGING = 0.05
+# prior probability that a link moved, over that of the step that it may pass for
+MOVED_LINK = 0.05
 
 
 @dataclass(frozen=True)
@@ -127,6 +131,7 @@ def list_rivals(problem: Problem, candidate: Candidate, price: Price | None = No
     return [
         *_list_alike(problem, candidate, alike),
         *_list_falls(problem, candidate, most),
+        *_list_moved_links(problem, candidate, price),
         *_list_finer_waves(problem, candidate),
         *_list_finer(problem, candidate),
         *_list_elsewhere(problem, candidate, price.cell, share),
@@ -170,6 +175,22 @@ def _list_falls(problem: Problem, candidate: Candidate, prior: float) -> Iterato
     for rival in _weigh(falls, "", UNLISTED_ODDS * prior, CandidateKind.FALL):
         own_places = rival.candidate.mechanism.names_by_place().keys()
         yield replace(rival, agrees=agrees) if own_places == places else rival
+
+
+def _list_moved_links(problem: Problem, candidate: Candidate, price: Price) -> Iterator[Rival]:
+    """List steps of what follows a link, about when a found step happened: of the same link they are the
+    same shape."""
+    own = candidate.mechanism
+    frame = find_moved_frame(own)
+    moved = [one for one in generate_moved_links(problem, own) if one != own]
+    prior = MOVED_LINK * price.finding
+    kind = CandidateKind.MOVED_LINK
+    if candidate.kind is kind:
+        # as each had been beside what it was found in place of
+        prior = candidate.prior * len(moved)
+    for rival in _weigh(moved, "", prior, kind):
+        is_own = find_moved_frame(rival.candidate.mechanism) == frame
+        yield replace(rival, agrees="shape") if is_own else rival
 
 
 def _share_of_lag(candidate: Candidate, price: Price) -> float:

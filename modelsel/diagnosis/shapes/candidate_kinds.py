@@ -36,6 +36,7 @@ class CandidateKind(Enum):
     HYSTERESIS = "hysteresis of a joint that builds up over some way after each reversal"
     RIPPLE = "ripple of a joint in proportion to its torque or to where it stands"
     STEPPED_WAVE = "wave of a joint that is another one from some moment of the campaign on"
+    MOVED_LINK = "link that stands differently from some moment of the campaign on"
     UNEVEN_BASE = "base that tilts with its load, more towards some sides than towards others"
     SHAPE = "shape that no list has, at the place of a finding or beside it"
 
@@ -43,7 +44,7 @@ class CandidateKind(Enum):
 # kinds that are cells of the error map
 MAP_KINDS = (CandidateKind.CELL, CandidateKind.WAVE, CandidateKind.WAVE_PRODUCT)
 # kinds whose labels are their names
-NAMED_IN_FULL = (CandidateKind.DISTORTION, CandidateKind.TARGET_SHIFT)
+NAMED_IN_FULL = (CandidateKind.DISTORTION, CandidateKind.TARGET_SHIFT, CandidateKind.MOVED_LINK)
 # kinds whose causes have words of their own
 NAMED_IN_WORDS = (
     CandidateKind.TIME_WAVE,

@@ -11,9 +11,14 @@ import numpy as np
 from ...fitting.problem import Problem
 from ...mechanisms.causes import Applied, Cause, Named, Number, torque
 from ...mechanisms.compliance import OF_BOTH, PAYLOAD
-from ...mechanisms.motors import joint_axis
-from ...mechanisms.terms import Mechanism
-from ...robot.gravity import find_gravity_joints
+from ...mechanisms.motors import (
+    drive_screws,
+    find_gravity_motors,
+    joint_axis,
+    motor_torque,
+    name_drive,
+)
+from ...mechanisms.terms import Mechanism, Term
 from .unregistered import build_cell
 from .whole_torques import find_load
 
@@ -72,24 +77,29 @@ def scale_torque(problem: Problem, joint: int, load: Cause | None = None) -> Cau
     return load / Number(typical, load.unit)
 
 
-def generate_loaded(problem: Problem, joint: int) -> Iterator[Mechanism]:
-    """Generate a joint's motion with the direction that it came from, more or less with the torque about it;
-    none for a joint without load."""
-    if joint not in find_gravity_joints(problem.robot):
+def generate_loaded(problem: Problem, motor: int) -> Iterator[Mechanism]:
+    """Generate a drive's motion with the direction that it came from, more or less with the torque that it
+    holds; none for a drive without load."""
+    robot = problem.robot
+    if motor not in find_gravity_motors(robot):
         return
-    share = scale_torque(problem, joint)
+    load = motor_torque(robot, motor)
+    share = scale_torque(problem, motor, load)
     if share is None:
         return
-    name = f"approach{joint}"
-    place = joint, joint_axis(problem.robot, joint)
+    name = f"approach{motor}"
+    drive = name_drive(robot, motor)
+    axis = joint_axis(robot, motor)
     direction = Named(name)
     loaded = direction * Applied("abs", share)
-    words = f"{name} and its product with the size of torque{joint}"
+    words = f"{name} and its product with the size of {load}"
+    turns = [drive_screws(robot, motor, cause) for cause in (direction, loaded)]
+    terms = tuple(Term(f"m{k}", screws) for k, screws in enumerate(turns, 1))
     sentence = (
-        f"Joint {joint} stops beside its reading, on a side that depends on where it came from, by more or "
-        "less with the gravity torque about it"
+        f"{drive.capitalize()} stops beside its reading, on a side that depends on where it came from, by "
+        "more or less with the gravity torque about it"
     )
-    yield build_cell(place, (direction, loaded), words, sentence)
+    yield Mechanism(f"{motor} {axis} {words}", terms, sentence)
 
 
 def generate_powers(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:

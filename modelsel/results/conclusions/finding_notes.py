@@ -14,12 +14,12 @@ from ...diagnosis.findings.payload_places import find_places
 from ...diagnosis.findings.sentences import format_length
 from ...diagnosis.findings.stated_probability import format_chance
 from ...diagnosis.rivals.confounded_covariates import find_confounded
-from ...exceptions import sentence_list
+from ...exceptions import sentence_list, write_percent
 from ...fitting.problem import Problem
 from ...measurements.campaign.late_names import list_sources
 from ...measurements.campaign.state_names import FROM_INSTRUMENT
 from ...measurements.measurements import Measurements
-from ...notices import Note
+from ...notices import OUTLIERS_MANY, Note
 from ...selection.evaluation import Evaluation, Split, compare_held_out, find_far_held_out
 from ..runs.finding_records import Finding
 
@@ -27,6 +27,9 @@ from ..runs.finding_records import Finding
 MIN_SURPRISE = 1.25
 # how rarely so by chance, to be said
 MAX_SURPRISE_P = 1e-3
+# share of the rows, and rows, from which outliers are more than bad shots usually are
+MANY_SHARE = 0.05
+MANY_ROWS = 6
 
 
 def uneven_noise_notes(diagnosis: Diagnosis) -> tuple[Note, ...]:
@@ -56,6 +59,28 @@ def opposed_finding_notes(findings: Sequence[Finding]) -> tuple[Note, ...]:
         for finding in findings
         if finding.against
     )
+
+
+def many_outlier_notes(split: Split, chosen: Evaluation) -> tuple[Note, ...]:
+    """Return the warning about so many outliers that what acts at these rows alone may hide among them."""
+    outliers = split.outliers
+    count = int(outliers.sum())
+    share = count / len(outliers)
+    if count < MANY_ROWS or share < MANY_SHARE:
+        return ()
+    data = split.problem.data
+    rows = data.row[outliers]
+    lengths = np.linalg.norm(chosen.residual[:, :3], axis=1)
+    without = format_length(root_mean_square(lengths[~split.outlying]))
+    far = format_length(float(np.median(lengths[outliers])))
+    sentence = (
+        f"{count:,} of {len(outliers):,} positions ({write_percent(share)}) are left out as outliers: "
+        f"{data.where.spans(rows)}. Half of them are {far} or more off the model, which errs by {without} rms at the "
+        "others. Bad shots are rarely so many: something may act in these configurations alone, such as a play that "
+        "gives way to the other side. The errors that are given leave it out, and no finding explains it. Measure "
+        "some of these configurations again."
+    )
+    return (Note(OUTLIERS_MANY, sentence, tuple(rows.tolist())),)
 
 
 def surprise_notes(split: Split, chosen: Evaluation) -> tuple[Note, ...]:

@@ -16,6 +16,7 @@ from ...results.conclusions.cautions import restriction_notes
 from ...results.conclusions.finding_notes import (
     confounded_notes,
     instrument_notes,
+    many_outlier_notes,
     opposed_finding_notes,
     partial_map_notes,
     payload_place_notes,
@@ -101,10 +102,12 @@ def collect_comparison_notes(comparison: SubsetComparison | None, chosen: Evalua
 def collect_held_out_notes(
     split: Split, chosen: Evaluation, findings: Sequence[Finding]
 ) -> list[Note]:
-    """Return the warnings on findings and on a model that held-out rows speak against."""
+    """Return the warnings on findings and on a model that held-out rows speak against, and on more
+    outliers than bad shots usually are."""
     opposed = opposed_finding_notes(findings)
     surprising = surprise_notes(split, chosen)
-    return [*opposed, *surprising]
+    outlying = many_outlier_notes(split, chosen)
+    return [*opposed, *surprising, *outlying]
 
 
 def collect_fit_notes(

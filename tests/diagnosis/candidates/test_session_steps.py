@@ -169,3 +169,17 @@ def test_what_may_begin_with_either_of_two_groups_is_told_so(rng: np.random.Gene
     sentences = [one.sentence for one in placed if one.name == "fault:tracker-bumped"]
     assert sum(one.endswith(told) for one in sentences) == 2
     assert not any(one.endswith('the group "station 1" on.') for one in sentences)
+
+
+@pytest.mark.unit
+def test_a_first_row_at_the_very_moment_of_a_step_is_before_it(rng: np.random.Generator) -> None:
+    """Of 101 rows the second is where a step may be; with the first held out, a study ended in an error."""
+    at = campaign([0] * 101, 0.0, rng)
+    used = np.ones(101, bool)
+    used[0] = False
+    (moment,) = set(at.data.progress[[1]].tolist()) & set(STEPS)
+    placed = place_steps(at, used, build_faults(ROBOT))
+    own = tracker_bumped(ROBOT, moment)
+    (told,) = (one for one in placed if one.terms == own.terms)
+    row = at.data.where.name_row_alone(2)
+    assert told.sentence.endswith(f" from about {row} on.")
