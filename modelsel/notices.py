@@ -110,6 +110,7 @@ CODES = {
     "payload-places": "findings have the payload hang at the target and elsewhere; none of them is claimed as a cause",
     "payload-elsewhere": "a joint that yields under a payload elsewhere than at the target would explain clearly more",
     "confounded": "a finding depends on a column that went with the sessions or with time",
+    "lone-posture": "one posture alone tells a finding: an error of that posture would look the same",
     "uneven-noise": "an effect is not named because uneven or shared noise would explain it too",
     "lack-of-fit": "the chosen model leaves clearly more, or less, than the noise floor",
     "limit-below-left": "more is left than the noise explains, in a form no single cause has",

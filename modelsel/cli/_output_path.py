@@ -68,20 +68,24 @@ def check_table_path(out: Path, *more: str) -> None:
     )
 
 
-def describe_other_result(folder: Path, study: str) -> str | None:
-    """Say that a folder has the result of a study of another name, which a run would replace; None
-    where it has none."""
+def describe_other_result(folder: Path, study: str, robot: str) -> str | None:
+    """Say that a folder has the result of a study of another name or robot, which a run would replace; None
+    where it has none. Studies in folders of one name have one name and one folder of results."""
     file = folder / RESULT_FILE
     try:
         text = file.read_text(encoding="utf-8")
-        other = json.loads(text)["study"]
+        record = json.loads(text)
+        other = record["study"]
+        measured = record.get("robot", robot)
     except (OSError, ValueError, LookupError, TypeError):
         return None
-    if other == study:
+    if other == study and measured == robot:
         return None
-    shown = one_line(str(other))
+    shown = f'"{one_line(str(other))}"'
+    if measured != robot:
+        shown += f" of robot {one_line(str(measured))}"
     return (
-        f'{folder} has the result of another study, "{shown}", which this run replaces when it is '
+        f"{folder} has the result of another study, {shown}, which this run replaces when it is "
         "done. To keep it, interrupt now and give another folder with --out."
     )
 

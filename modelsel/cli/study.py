@@ -74,7 +74,8 @@ def study_command(
 
     path = study / STUDY_FILE if study.is_dir() else study
     read = read_whole_study(path)
-    registry, broken = with_plugins(robot=read_study_robot(read, path.parent))
+    robot = read_study_robot(read, path.parent)
+    registry, broken = with_plugins(robot=robot)
     for name, why in broken.items():
         print_prose(f"modelsel: plug-in {name} is left out: {why}", err=True)
     folder = out if out is not None else Path("reports") / path.resolve().parent.name
@@ -93,7 +94,7 @@ def study_command(
 
         steps += STEPS
     earlier = find_reports(folder)
-    _warn_of_replacing(folder, read.name)
+    _warn_of_replacing(folder, read.name, robot.name)
     amount = None if as_json else choose_amount(verbose, quiet)
     with claim_folder(folder), show_progress(steps, hidden=quiet) as progress:
         run = _Run(folder, registry, progress, amount, not no_sampling, not no_report)
@@ -204,9 +205,9 @@ def _import_sampler() -> None:
         del sys.modules["scipy.stats"]
 
 
-def _warn_of_replacing(folder: Path, study: str) -> None:
+def _warn_of_replacing(folder: Path, study: str, robot: str) -> None:
     """Say that a folder has another study's result, before this run takes its place."""
-    other = describe_other_result(folder, study)
+    other = describe_other_result(folder, study, robot)
     if other is not None:
         print_prose(f"modelsel: {other}", err=True)
 

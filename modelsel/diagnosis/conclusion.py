@@ -20,6 +20,7 @@ from .candidates.signatures import SHAPELESS, read_parts
 from .findings.cancelled_effects import find_cancelling
 from .findings.claims import Weighed, build_claim, weigh_claims
 from .findings.effects import Effect
+from .findings.lone_postures import LONE_FACTOR, find_lone_posture
 from .findings.outcome import Diagnosis
 from .findings.payload_places import share_by_places
 from .findings.steps_apart import tell_steps_apart
@@ -177,11 +178,14 @@ def _claim(concluded: Conclusion, weighed: Weighed) -> tuple[Effect, ...]:
     claimed = []
     for g, effect, number, share in zip(chosen, effects, numbers, shares, strict=True):
         levels = share * np.minimum(weighed.levels[g], included[g])
+        lone = find_lone_posture(search, concluded.view, g)
+        if lone is not None:
+            levels = LONE_FACTOR * levels
         claim = build_claim(search.problem, search.traits.acting_parts[g], levels)
         if claim.needs_drivers:
             sure = find_sure(search, g, chosen, weighed.drivers[g], visited)
             claim = replace(claim, drivers=tuple(sure.items()))
-        claim = replace(claim, bend=find_bend(search.problem, effect))
+        claim = replace(claim, bend=find_bend(search.problem, effect), lone_posture=lone)
         with_claim = replace(effect, claim=claim, number=number)
         claimed.append(with_claim)
     return tuple(claimed)

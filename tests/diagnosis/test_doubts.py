@@ -144,6 +144,23 @@ def test_lack_of_fit_against_repeats_is_the_textbooks(rng) -> None:
     assert found.low_mm < 0.08 < found.high_mm
 
 
+def test_what_is_unexplained_beyond_shared_errors_is_in_millimetres(rng) -> None:
+    """Of residuals of 0.2 mm, 0.013 mm were said to be unexplained where the floor was 0.003 mm by pairs
+    of targets: F counts what the rows share, the figure did not."""
+    at = campaign(rng, 60, targets=2)
+    stated = Whitening(10 / SIGMA)
+    estimated = Whitening(2 / SIGMA, stated=stated)
+    data = study_of(replace(at, whitening=estimated))
+    found = measure_lack_of_fit(
+        evaluate(data, BASE, ("geometric",)), Floor(SIGMA / 10, "pairs", 100.0), data
+    )
+    assert found.expected_mm == pytest.approx(SIGMA / 2)
+    assert found.f == pytest.approx(4, rel=0.3)
+    assert found.low_mm < SIGMA * np.sqrt(3 / 4) < found.high_mm
+    (note,) = lack_of_fit_notes(found)
+    assert "0.0250 mm with what else does not repeat" in note.sentence
+
+
 def test_no_test_against_what_is_estimated(rng) -> None:
     data = weighed(campaign(rng, 20))
     chosen = evaluate(data, BASE, ("geometric",))

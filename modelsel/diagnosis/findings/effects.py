@@ -23,7 +23,8 @@ class Claim:
     `alike`: of one place the others that move every target as it does; `drivers`: where the place is
     proven, but not all that it depends on, the names that are, with their probabilities; `waves`: of a
     wave other numbers a turn that do the same at all readings; `bend`: of a joint that yields to its
-    torque, not in proportion, whether it "stiffens" or "softens" with it."""
+    torque, not in proportion, whether it "stiffens" or "softens" with it; `lone_posture`: the posture that
+    alone tells it, if one does."""
 
     level: str
     levels: tuple[float, ...]
@@ -33,6 +34,7 @@ class Claim:
     drivers: tuple[tuple[str, float], ...] = ()
     waves: tuple[int, ...] = ()
     bend: str = ""
+    lone_posture: int | None = None
 
     @property
     def probability(self) -> float:

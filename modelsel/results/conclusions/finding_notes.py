@@ -179,6 +179,22 @@ def instrument_notes(problem: Problem, diagnosis: Diagnosis) -> tuple[Note, ...]
     return (Note("instrument-place", sentence),)
 
 
+def lone_posture_notes(problem: Problem, diagnosis: Diagnosis) -> tuple[Note, ...]:
+    """Return a warning for every finding that one posture alone tells."""
+    notes = []
+    for effect in diagnosis.effects:
+        if effect.claim is None or effect.claim.lone_posture is None:
+            continue
+        data = problem.data
+        rows = data.row[data.block == effect.claim.lone_posture]
+        sentence = (
+            f"{effect.label} is told by one posture alone ({data.where.spans(rows)}): an error of its readings or "
+            "shots would look the same, and is taken to be as likely. Measure that posture again, and others like it."
+        )
+        notes.append(Note("lone-posture", sentence))
+    return tuple(notes)
+
+
 def confounded_notes(problem: Problem, diagnosis: Diagnosis) -> tuple[Note, ...]:
     """Say of a finding that depends on a covariate which went with the sessions, or with time, that the
     covariate is not proven, and what would tell."""

@@ -31,7 +31,8 @@ Triple = tuple[float, float, float]
 class LackOfFit:
     """A model compared with the noise floor (methods.md A.8): F of what it leaves over the floor's
     variance, its p, the floor [mm], and the standard deviation of one coordinate [mm] that the
-    floor does not explain, with a 95 % interval."""
+    floor does not explain, with a 95 % interval; `expected_mm`: the standard deviation of one coordinate by the floor
+    and what else does not repeat, where that is counted."""
 
     f: float
     p: float
@@ -39,12 +40,14 @@ class LackOfFit:
     unexplained_mm: float
     low_mm: float
     high_mm: float
+    expected_mm: float | None = None
 
 
 @dataclass(frozen=True)
 class _Variances:
     """Sums of squares in `unit_mm` squared: what a model leaves with its degrees of freedom, the `pure` variance of
-    repeats with its own, and the share of an unexplained variance that the former see."""
+    repeats with its own, and the share of an unexplained variance that the former see; `expected_mm`: see
+    `LackOfFit`."""
 
     unit_mm: float
     total: float
@@ -52,6 +55,7 @@ class _Variances:
     pure: float
     pure_freedom: float
     share: float = 1.0
+    expected_mm: float | None = None
 
 
 def measure_lack_of_fit(chosen: Evaluation, floor: Floor | None, split: Split) -> LackOfFit | None:
@@ -71,21 +75,30 @@ def measure_lack_of_fit(chosen: Evaluation, floor: Floor | None, split: Split) -
     sigma = parts.unit_mm * np.sqrt(parts.pure)
     bounds = [fdtri(parts.freedom, parts.pure_freedom, q) for q in (0.975, 0.025)]
     ratios = np.array([f, f / bounds[0], f / bounds[1]])
-    unexplained = sigma * np.sqrt(np.maximum(ratios - 1, 0.0) / parts.share)
+    scale = sigma if parts.expected_mm is None else parts.expected_mm
+    unexplained = scale * np.sqrt(np.maximum(ratios - 1, 0.0) / parts.share)
     p = float(fdtrc(parts.freedom, parts.pure_freedom, f))
-    return LackOfFit(f, p, float(sigma), *unexplained.tolist())
+    most_likely, low, high = unexplained.tolist()
+    return LackOfFit(f, p, float(sigma), most_likely, low, high, parts.expected_mm)
 
 
 def _variances(chosen: Evaluation, floor: Floor, training: Problem) -> _Variances:
     """Split what a model leaves on the training rows into lack of fit and pure error."""
     counted = training.components_measured[:, :3]
-    white = whitened(training, chosen.fit.residuals(training))[:, :3]
+    residuals = chosen.fit.residuals(training)
+    white = whitened(training, residuals)[:, :3]
     total = float(np.square(np.where(counted, white, 0.0)).sum())
     freedom = chosen.fit.freedom * int(counted.sum()) / training.coordinates
     if floor.source != "repeats":
         known = floor.freedom if np.isfinite(floor.freedom) else STATED_FLOOR_FREEDOM
-        return _Variances(floor.coordinate_mm, total, freedom, 1.0, float(known))
-    within, known = sum_pure_error(training, chosen.fit.residuals(training))
+        expected_mm = None
+        if training.whitening.stated is not None:
+            # rows share errors: what they leave [mm] for every unit of what is expected
+            left = float(np.square(np.where(counted, residuals[:, :3], 0.0)).sum())
+            expected_mm = float(np.sqrt(left / total))
+        of_floor = floor.coordinate_mm, total, freedom, 1.0, float(known)
+        return _Variances(*of_floor, expected_mm=expected_mm)
+    within, known = sum_pure_error(training, residuals)
     coordinates = 3 * len(training)
     # rows of a posture all have what is unexplained
     share = coordinates / (coordinates - known)
@@ -116,8 +129,9 @@ def lack_of_fit_notes(lack: LackOfFit | None, stated: bool = True) -> tuple[Note
     too_little = 1 - lack.p <= MAX_SURPRISE_P and lack.f * MIN_SURPRISE**2 <= 1
     if stated and too_little:
         return (Note(LACKING, _overstated_sentence(lack)),)
-    total = np.hypot(lack.unexplained_mm, lack.floor_mm)
-    if lack.p > MAX_SURPRISE_P or total < MIN_SURPRISE * lack.floor_mm:
+    expected_mm = lack.floor_mm if lack.expected_mm is None else lack.expected_mm
+    total = np.hypot(lack.unexplained_mm, expected_mm)
+    if lack.p > MAX_SURPRISE_P or total < MIN_SURPRISE * expected_mm:
         return ()
     return (Note(LACKING, _unexplained_sentence(lack)),)
 
@@ -133,11 +147,14 @@ def _overstated_sentence(lack: LackOfFit) -> str:
 
 def _unexplained_sentence(lack: LackOfFit) -> str:
     interval = f"{format_length(lack.low_mm)} to {format_length(lack.high_mm)}"
+    beyond = f"the floor of {format_length(lack.floor_mm)} per coordinate"
+    if lack.expected_mm is not None:
+        beyond += f", and {format_length(lack.expected_mm)} with what else does not repeat"
     return (
         "The chosen model leaves more than the noise floor explains (lack-of-fit test: F = "
-        f"{lack.f:.3g}, by chance with probability {lack.p:.1g}): beyond the floor of {format_length(lack.floor_mm)} per "
-        f"coordinate, {format_length(lack.unexplained_mm)} (95 %: {interval}) is unexplained. Either the model lacks "
-        "something, or the floor leaves out a part of the noise: what rows measured together share, or what changes "
+        f"{lack.f:.3g}, by chance with probability {lack.p:.1g}): beyond {beyond}, "
+        f"{format_length(lack.unexplained_mm)} (95 %: {interval}) is unexplained. Either the model lacks something, "
+        "or the floor leaves out a part of the noise: what rows measured together share, or what changes "
         "from one approach to the next."
     )
 

@@ -109,6 +109,7 @@ class LackOfFitRecord(StrictRecord):
     unexplained_mm: Number
     low_mm: Number
     high_mm: Number
+    expected_mm: Number | None = None
 
 
 class ErrorPartRecord(StrictRecord):
@@ -272,8 +273,9 @@ class StudyRecord(StrictRecord):
         "probability; `detection_limit_mrad`: the same for an effect that only turns the "
         "target (only if orientations were measured); `predictable` (`share`, `p`): whether a "
         "smooth function of the configuration could still predict what is left; `lack_of_fit` "
-        "(`f p floor_mm unexplained_mm low_mm high_mm`): the chosen model compared with a "
-        "noise floor that is known without it; null if there is none"
+        "(`f p floor_mm unexplained_mm low_mm high_mm expected_mm`): the chosen model compared with a "
+        "noise floor that is known without it (`expected_mm`: a coordinate's standard deviation by the floor "
+        "and what else does not repeat); null if there is none"
     )
     nested_cv: NestedRecord | None = Field(
         description="the whole procedure repeated in every fold: `folds`, `geometric` and `chosen` "

@@ -16,6 +16,7 @@ from ...results.conclusions.cautions import restriction_notes
 from ...results.conclusions.finding_notes import (
     confounded_notes,
     instrument_notes,
+    lone_posture_notes,
     many_outlier_notes,
     opposed_finding_notes,
     partial_map_notes,
@@ -54,6 +55,7 @@ def collect_diagnosis_notes(
     notes += instrument_notes(split.problem, diagnosis)
     notes += payload_place_notes(diagnosis)
     notes += confounded_notes(split.problem, diagnosis)
+    notes += lone_posture_notes(split.problem, diagnosis)
     if searches_cells(study):
         notes += partial_map_notes(split.problem)
     return notes
