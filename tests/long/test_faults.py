@@ -85,7 +85,7 @@ def test_killed_at_any_step(kills, more, tmp_path) -> None:
 def test_interrupted(by, study, tmp_path) -> None:
     """130, with the command that goes on, and nothing left."""
     code = (
-        "import signal, sys, time, modelsel.study.runner as s\n"
+        "import signal, sys, time, modelsel.study.pipeline.runner as s\n"
         # a shell's background job begins deaf to it
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "s.analyse = lambda *a, **k: (print('there', flush=True), time.sleep(60))\n"

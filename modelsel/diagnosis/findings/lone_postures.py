@@ -33,11 +33,17 @@ def find_lone_posture(search: Search, view: View, g: int) -> int | None:
     of_prior = view.A.root[:, own] @ theta
     directions = view.Q @ view.release(candidate).directions
     beyond = directions @ (directions.T @ np.concatenate([of_data, of_prior]))
-    numbers, posture = np.unique(search.problem.data.block, return_inverse=True)
+    data = search.problem.data
+    numbers, posture = np.unique(data.block, return_inverse=True)
     number = search.expand_unit(posture.reshape(-1), len(beyond))
-    squares = np.bincount(number[number >= 0], np.square(beyond[number >= 0]), len(numbers))
-    for k in np.argsort(-squares)[:POSTURES_TRIED]:
-        if _measure_lost(view.Q, directions, beyond, number == k) >= MIN_LONE_SHARE:
+    is_measured = number >= 0
+    squares = np.square(beyond[is_measured])
+    sums = np.bincount(number[is_measured], squares, len(numbers))
+    largest = np.argsort(-sums)[:POSTURES_TRIED]
+    for k in largest:
+        rows = number == k
+        lost = _measure_lost(view.Q, directions, beyond, rows)
+        if lost >= MIN_LONE_SHARE:
             return int(numbers[k])
     return None
 
@@ -45,7 +51,12 @@ def find_lone_posture(search: Search, view: View, g: int) -> int | None:
 def _measure_lost(Q: Array, directions: Array, beyond: Array, rows: Mask) -> float:
     """Measure the share of the square of `beyond` (N,) that is lost where some rows are left out; Q (N, r): of all
     columns, `directions` (N, k): of the effect's own beyond the others."""
-    all_columns, own = Q[rows], directions[rows]
-    left = np.eye(len(own)) - all_columns @ all_columns.T + own @ own.T
-    lost = beyond[rows] @ np.linalg.pinv(left, rcond=1e-9, hermitian=True) @ beyond[rows]
-    return float(lost / np.square(beyond).sum())
+    every = Q[rows]
+    own = directions[rows]
+    here = beyond[rows]
+    of_others = every @ every.T - own @ own.T
+    left = np.eye(len(own)) - of_others
+    inverse = np.linalg.pinv(left, rcond=1e-9, hermitian=True)
+    lost = here @ inverse @ here
+    whole = beyond @ beyond
+    return float(lost / whole)

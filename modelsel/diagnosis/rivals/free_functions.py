@@ -202,10 +202,12 @@ def _find_joint_with_direction(
     has."""
     robot = problem.robot
     for joint in range(1, robot.n + 1):
+        came_from = f"approach{joint}"
+        if drivers != {came_from}:
+            continue
         moved = moved_joints(robot, joint)
         motions = {(one, joint_axis(robot, one)) for one in moved}
-        came_from = f"approach{joint}"
-        if drivers == {came_from} and parts.keys() == motions:
+        if parts.keys() == motions:
             return joint
     return None
 

@@ -6,8 +6,9 @@ step, of the instrument, a target or a joint's zero, each of which does a part o
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Iterator
-from itertools import pairwise
+from itertools import pairwise, starmap
 
 import numpy as np
 
@@ -34,17 +35,24 @@ def generate_moved_links(problem: Problem, found: Mechanism) -> Iterator[Mechani
     """Generate steps of what follows each link, about when a found step happened: of the instrument, of
     the target, of a joint's zero, or of what follows another link. None beside any other finding, or
     beside a step of one target of several."""
-    name = found.name
-    is_step = name in OTHER_STEPS or found.stem == ZERO_STEP or bool(find_moved_frame(found))
     moments = sorted(list_step_moments(found.terms))
-    if not is_step or len(moments) != 1:
+    if len(moments) != 1 or not _is_step(found):
         return
     (own,) = moments
-    joints = range(2, problem.robot.n + 1)
-    for at in _list_near(problem, own):
+    robot = problem.robot
+    joints = range(2, robot.n + 1)
+    near = _list_near(problem, own)
+    for at in near:
         begins = say_row(problem.data, at)
         for joint in joints:
             yield _build(joint, at, begins)
+
+
+def _is_step(found: Mechanism) -> bool:
+    """Whether a finding is a step that may be one of a link."""
+    if found.name in OTHER_STEPS or found.stem == ZERO_STEP:
+        return True
+    return find_moved_frame(found) > 0
 
 
 def find_moved_frame(found: Mechanism) -> int:
@@ -59,16 +67,19 @@ def find_moved_frame(found: Mechanism) -> int:
 def _list_near(problem: Problem, own: float) -> list[float]:
     """List a step's moment and those between measured places near it, with rows enough on either side."""
     progress = problem.data.progress
-    measured = np.unique(progress)
-    between = [round_between(low, high) for low, high in pairwise(measured.tolist())]
-    place = int(np.searchsorted(measured, own)) - 1
-    near = {k: between[k] for k in range(place - NEAR, place + NEAR + 1) if 0 <= k < len(between)}
-    near[place] = own
+    measured = np.unique(progress).tolist()
+    place = bisect_left(measured, own) - 1
+    first = max(place - NEAR, 0)
+    around = measured[first : place + NEAR + 2]
+    near = list(starmap(round_between, pairwise(around)))
+    near[place - first] = own
     needed = COORDINATES_OF_STEP * len(AXES)
     moments = []
-    for at in near.values():
-        rows = min((progress < at).sum(), (progress > at).sum())
-        if rows * problem.components >= needed:
+    for at in near:
+        before = int((progress < at).sum())
+        after = int((progress > at).sum())
+        fewest = min(before, after)
+        if fewest * problem.components >= needed:
             moments.append(at)
     return moments
 
@@ -76,10 +87,15 @@ def _list_near(problem: Problem, own: float) -> list[float]:
 def _build(joint: int, at: float, begins: str) -> Mechanism:
     """Build the step of a joint's frame with all that follows, in the six numbers of any step."""
     cause = step_after(at)
-    terms = tuple(Term(f"l{joint}{a}", (Screw(joint, a, cause),), STEP[a[0]]) for a in AXES)
+    terms = []
+    for axis in AXES:
+        screw = Screw(joint, axis, cause)
+        kind = axis[0]
+        term = Term(f"l{joint}{axis}", (screw,), STEP[kind])
+        terms.append(term)
     return Mechanism(
         f"{NAME}{joint}",
-        terms,
+        tuple(terms),
         f"Joint {joint} and what it carries stand differently on link {joint - 1} {begins}",
         usual_causes=BENT,
     )

@@ -181,15 +181,18 @@ def _list_moved_links(problem: Problem, candidate: Candidate, price: Price) -> I
     """List steps of what follows a link, about when a found step happened: of the same link they are the
     same shape."""
     own = candidate.mechanism
-    frame = find_moved_frame(own)
-    moved = [one for one in generate_moved_links(problem, own) if one != own]
-    prior = MOVED_LINK * price.finding
     kind = CandidateKind.MOVED_LINK
+    frame = find_moved_frame(own)
+    moved = list(generate_moved_links(problem, own))
+    if own in moved:
+        moved.remove(own)
+    prior = MOVED_LINK * price.finding
     if candidate.kind is kind:
         # as each had been beside what it was found in place of
         prior = candidate.prior * len(moved)
     for rival in _weigh(moved, "", prior, kind):
-        is_own = find_moved_frame(rival.candidate.mechanism) == frame
+        other = rival.candidate.mechanism
+        is_own = find_moved_frame(other) == frame
         yield replace(rival, agrees="shape") if is_own else rival
 
 

@@ -194,19 +194,22 @@ class Search:
         fitted_residual = view.fitted.residuals(problem)
         residual = fitted_residual[:, :3]
         units = partition_rows(problem.data, residual, self.rng)
-        return [self.expand_unit(unit, len(view.residual)) for unit in units]
+        coordinates = len(view.residual)
+        return [self.expand_unit(unit, coordinates) for unit in units]
 
     def expand_unit(self, unit: Index, coordinates: int) -> Index:
         """Expand the numbers of units of rows (m,) to coordinates (N,); -1 where a row is the prior's."""
         problem = self.problem
-        every = np.tile(unit, (1, problem.components, 1))
+        tiled_shape = 1, problem.components, 1
+        every = np.tile(unit, tiled_shape)
         parts = []
         for rows in problem.blocks():
             of_rows = every[:, :, rows]
             flat = flatten_measured(problem, rows, of_rows)
             parts.append(flat[0])
         measured = np.concatenate(parts)
-        of_prior = np.full(coordinates - len(measured), -1)
+        prior_rows = coordinates - len(measured)
+        of_prior = np.full(prior_rows, -1)
         return np.append(measured, of_prior)
 
     def draw_final_nulls(self, view: View, weakest: float) -> list[Array]:

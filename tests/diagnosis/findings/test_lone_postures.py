@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from builders import bind, load_once, planted
-from modelsel.results.finding_notes import lone_posture_notes
+from modelsel.results.conclusions.finding_notes import lone_posture_notes
 from searches import search_independent
 
 from modelsel.diagnosis.candidates.candidate import Candidate
