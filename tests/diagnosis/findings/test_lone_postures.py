@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from builders import bind, load_once, planted
-from modelsel.results.conclusions.finding_notes import lone_posture_notes
 from searches import search_independent
 
 from modelsel.diagnosis.candidates.candidate import Candidate
@@ -17,6 +16,7 @@ from modelsel.fitting.design import Model
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import mechanism
+from modelsel.results.conclusions.finding_notes import lone_posture_notes
 from modelsel.robot.kinematics import forward
 
 pytestmark = pytest.mark.unit
