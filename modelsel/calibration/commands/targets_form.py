@@ -71,7 +71,8 @@ def _find_source(contract: str) -> tuple[str, float]:
     position = POSITION_COLUMN.fullmatch(contract)
     if position is None:
         return contract, 1.0
-    return f"{position[1]}_mm", UNITS[position[2]]
+    axis, unit = position.groups()
+    return f"{axis}_mm", UNITS[unit]
 
 
 def _keep_cells(table: Table, cells: NDArray[Any], rows: NDArray[np.intp]) -> NDArray[Any]:

@@ -206,7 +206,8 @@ class Search:
         for rows in problem.blocks():
             of_rows = every[:, :, rows]
             flat = flatten_measured(problem, rows, of_rows)
-            parts.append(flat[0])
+            own = flat[0]
+            parts.append(own)
         measured = np.concatenate(parts)
         prior_rows = coordinates - len(measured)
         of_prior = np.full(prior_rows, -1)

@@ -70,9 +70,12 @@ def many_outlier_notes(split: Split, chosen: Evaluation) -> tuple[Note, ...]:
         return ()
     data = split.problem.data
     rows = data.row[outliers]
-    lengths = np.linalg.norm(chosen.residual[:, :3], axis=1)
-    without = format_length(root_mean_square(lengths[~split.outlying]))
-    far = format_length(float(np.median(lengths[outliers])))
+    residual = chosen.residual[:, :3]
+    lengths = np.linalg.norm(residual, axis=1)
+    others = lengths[~split.outlying]
+    without = format_length(root_mean_square(others))
+    middle = np.median(lengths[outliers])
+    far = format_length(float(middle))
     sentence = (
         f"{count:,} of {len(outliers):,} positions ({write_percent(share)}) are left out as outliers: "
         f"{data.where.spans(rows)}. Half of them are {far} or more off the model, which errs by {without} rms at the "

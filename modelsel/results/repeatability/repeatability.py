@@ -91,8 +91,16 @@ def describe_errors(
     parts = sorted(errors.parts, key=lambda part: -part.share)
     scales = {part.name: part.scale for part in parts}
     even = scales.get(INSTRUMENT, 0.0)
-    return [
-        {
+    unsure = [part.name for part in parts if is_unsure(part.name, part.told_by)]
+    described = []
+    for part in parts:
+        said = _describe_part(part, len(parts) == 1, even)
+        if part.name in unsure[1:]:
+            said += f" This is not sure, for the reasons given for {unsure[0]}."
+        elif part.name in unsure:
+            said += _explain_doubt(part) + ask_for_gears(part, unstated_gears)
+        said += _explain_by_rounding(part, rounding.get(part.name))
+        values = {
             "part": part.name,
             "scale": part.scale,
             "unit": part.unit,
@@ -101,18 +109,17 @@ def describe_errors(
             "share": part.share,
             "told_by": part.told_by,
             "instead": list(part.instead),
-            "sentence": _describe_part(part, len(parts) == 1, even, rounding.get(part.name))
-            + ask_for_gears(part, unstated_gears),
+            "sentence": said,
         }
-        for part in parts
-    ]
+        described.append(values)
+    return described
 
 
 # -- sentences
 # --------------------------------------------------------------------------------------------------------------------
 
 
-def _describe_part(part: ErrorPart, is_alone: bool, even: float, rounding: Rounding | None) -> str:
+def _describe_part(part: ErrorPart, is_alone: bool, even: float) -> str:
     """Return one part in words: how large it is, what it does, and what else would look like it;
     `even`: what the instrument has in all directions and rows [mm]."""
     size = _describe_scale(part)
@@ -130,9 +137,7 @@ def _describe_part(part: ErrorPart, is_alone: bool, even: float, rounding: Round
         return _describe_lasting(part, size, effect)
     if is_of_rows(part.name):
         return _describe_louder(part, size, even)
-    said = _describe_joint(part, size, effect)
-    explained = _explain_by_rounding(part, rounding)
-    return said + explained
+    return f"{part.name.capitalize()} does not repeat better than {size}: {effect}."
 
 
 def _describe_alone(size: str, moved: str) -> str:
@@ -235,13 +240,10 @@ def _describe_lasting(part: ErrorPart, size: str, effect: str) -> str:
     )
 
 
-def _describe_joint(part: ErrorPart, size: str, effect: str) -> str:
-    """Return how well a joint repeats; unless repeats tell it, what else would look the same."""
-    said = f"{part.name.capitalize()} does not repeat better than {size}: {effect}."
-    if part.told_by in ("repeats", GIVEN):
-        return said
+def _explain_doubt(part: ErrorPart) -> str:
+    """Say what else would look like a joint that does not repeat, where no repeats tell it."""
     return (
-        f"{said} This is not sure: an error of {part.name} that repeats, but that no candidate "
+        f" This is not sure: an error of {part.name} that repeats, but that no candidate "
         "describes, would look the same. More postures that are measured again would tell them apart."
     )
 

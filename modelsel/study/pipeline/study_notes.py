@@ -106,10 +106,10 @@ def collect_held_out_notes(
 ) -> list[Note]:
     """Return the warnings on findings and on a model that held-out rows speak against, and on more
     outliers than bad shots usually are."""
-    opposed = opposed_finding_notes(findings)
-    surprising = surprise_notes(split, chosen)
-    outlying = many_outlier_notes(split, chosen)
-    return [*opposed, *surprising, *outlying]
+    notes = list(opposed_finding_notes(findings))
+    notes += surprise_notes(split, chosen)
+    notes += many_outlier_notes(split, chosen)
+    return notes
 
 
 def collect_fit_notes(

@@ -15,11 +15,12 @@ from report_studies import terminal_lines
 
 from modelsel import Study, load_result, run_study
 from modelsel._records import parse_record
-from modelsel.fitting.error_structure import ErrorPart
+from modelsel.fitting.error_structure import ErrorPart, ErrorStructure
 from modelsel.fitting.possible_parts import MIN_LEVELS
 from modelsel.results.repeatability.repeatability import (
     MAX_LINES,
     compute_target_rms,
+    describe_errors,
     format_scale,
     label_part,
     summarise_repeatability,
@@ -510,3 +511,16 @@ def test_parts_without_the_instrument_are_refused(stored) -> None:
         parse_record(stored | {"repeatability": [joint]}, StudyRecord)
     with pytest.raises(ValueError, match=r"repeatability\.1\.share: expected a number above 0"):
         parse_record(stored | {"repeatability": [joint | {"share": 0.0}]}, StudyRecord)
+
+
+def test_doubts_are_explained_once() -> None:
+    """What else would look like joints that do not repeat stands at the first of them."""
+    second = part("joint 2", 21.3e-6, 18.2e-6, 24.4e-6, told_by="directions", share=0.3)
+    fourth = part("joint 4", 21.3e-6, 18.2e-6, 24.4e-6, told_by="directions", share=0.2)
+    errors = ErrorStructure((INSTRUMENT, second, fourth))
+    said = {
+        one["part"]: one["sentence"] for one in describe_errors(errors, {}, ("joint 2", "joint 4"))
+    }
+    assert UNSURE in said["joint 2"]
+    assert "gear_ratios" in said["joint 2"]
+    assert said["joint 4"].endswith("This is not sure, for the reasons given for joint 2.")
