@@ -24,14 +24,6 @@ from .criteria import aic, aicc, bic, gcv
 from .cross_validation import CrossValidation, cross_validate_fit
 from .moments import LinearRows
 
-# configurations that each side of a comparison needs
-FEWEST = 5
-# how many times the largest error of cross-validation is far, and the power by which tails as heavy as
-# measurements have them fall
-FAR, TAIL = 2.0, 3.0
-# mm below which the largest error is rounding
-ROUNDING_MM = 1e-6
-
 
 @dataclass(frozen=True, eq=False)
 class Split:
@@ -333,68 +325,3 @@ def summarise_lengths(length: Array, outlying: Mask | None = None) -> Errors:
         left_out,
         mean_all,
     )
-
-
-def compare_held_out(
-    expected: Array, expected_block: Index, length: Array, block: Index
-) -> tuple[float, float]:
-    """Test whether held-out lengths are larger than cross-validated ones: (ratio of rms, p).
-
-    Lengths [mm] `expected` of configurations `expected_block`, and `length` of `block`. Wilcoxon's
-    rank sum of mean squares per configuration, so that tails do not matter; (1, 1) with fewer than
-    five configurations on a side."""
-    first = _mean_by_block(np.square(expected), expected_block)
-    second = _mean_by_block(np.square(length), block)
-    few = min(len(first), len(second)) < FEWEST
-    if few or not first.mean() > 0:
-        return 1.0, 1.0
-    ratio = second.mean() / first.mean()
-    return float(np.sqrt(ratio)), _rank_sum_p(first, second)
-
-
-def find_far_held_out(
-    expected: Array, expected_block: Index, length: Array, block: Index
-) -> tuple[Mask, float]:
-    """Find held-out rows that err FAR times as much as any did in cross-validation: (mask, p).
-
-    Lengths [mm] `expected` of configurations `expected_block`, and `length` of `block`. The p-value is
-    of as many configurations among h held-out ones, where n in cross-validation have errors of the
-    same law, whose tail falls as the power -TAIL: beyond the largest of n, E / n of it is left, E
-    exponential, so that their number is geometric with mean h / (n FAR^TAIL). None (p = 1) with
-    fewer than five configurations on a side, or where no more than rounding is left."""
-    blocks = len(np.unique(expected_block)), len(np.unique(block))
-    nothing = np.zeros(len(length), bool)
-    if min(blocks) < FEWEST or not expected.max() > ROUNDING_MM:
-        return nothing, 1.0
-    far = length > FAR * expected.max()
-    count = len(np.unique(block[far]))
-    if not count:
-        return nothing, 1.0
-    mean = blocks[1] / (blocks[0] * FAR**TAIL)
-    share = mean / (1 + mean)
-    return far, float(share**count)
-
-
-def _rank_sum_p(first: Array, second: Array) -> float:
-    """Compute Wilcoxon's p of `second` being larger, by the normal approximation with ties; `scipy.stats`
-    has it, and takes half a second to import."""
-    from scipy.special import ndtr
-
-    every = np.concatenate([second, first])
-    _, place, ties = np.unique(every, return_inverse=True, return_counts=True)
-    last = np.cumsum(ties)
-    rank = last - (ties - 1) / 2
-    count = len(every)
-    product = len(first) * len(second)
-    rank_sum = rank[place[: len(second)]].sum()
-    excess = rank_sum - len(second) * (len(second) + 1) / 2 - product / 2
-    tied = (ties**3 - ties).sum() / (count * (count - 1))
-    variance = product / 12 * (count + 1 - tied)
-    if variance == 0:
-        return 1.0
-    return float(ndtr(-excess / np.sqrt(variance)))
-
-
-def _mean_by_block(values: Array, block: Index) -> Array:
-    _, unit = np.unique(block, return_inverse=True)
-    return np.asarray(np.bincount(unit, values) / np.bincount(unit))

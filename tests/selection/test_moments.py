@@ -16,7 +16,7 @@ from modelsel.fitting.whitening import Whitening
 from modelsel.mechanisms.causes import q, sin
 from modelsel.mechanisms.registry import mechanism
 from modelsel.selection import gain, moments, splits
-from modelsel.selection.evaluation import FAR, compare_held_out, find_far_held_out
+from modelsel.selection.held_out_comparison import FAR, compare_held_out, find_far_held_out
 from modelsel.selection.moments import (
     Coordinates,
     LinearRows,
@@ -157,14 +157,24 @@ def test_far_held_out_rows_are_rare_under_heavy_tails(
     assert told / 2000 < 5e-3
 
 
+def test_two_configurations_very_far_off_are_told(rng: np.random.Generator) -> None:
+    """Two just beyond twice the largest error may be chance, two at ten times it are not."""
+    near, blocks = rng.uniform(0.1, 0.2, 60), np.arange(60)
+    after = np.append(near, near.max() * np.array([2.1, 2.2]))
+    assert find_far_held_out(near, blocks, after, np.arange(62))[1] > 5e-3
+    after[-2:] *= 5
+    assert find_far_held_out(near, blocks, after, np.arange(62))[1] < 1e-5
+
+
 def test_few_configurations_and_rounding_tell_nothing_of_far_rows(rng: np.random.Generator) -> None:
     near, far = rng.uniform(0.1, 0.2, 40), rng.uniform(1.0, 2.0, 6)
     blocks = np.arange(40)
     mask, p = find_far_held_out(near, blocks, np.append(near, far), np.arange(46))
     assert p < 1e-5
     assert np.flatnonzero(mask).tolist() == list(range(40, 46))
-    # one posture measured six times is one configuration
+    # one posture measured six times is one configuration, as far off as the farthest
     same = np.append(blocks, np.full(6, 40))
-    assert find_far_held_out(near, blocks, np.append(near, far), same)[1] > 1e-2
+    once = find_far_held_out(near, blocks, np.append(near, far.max()), np.arange(41))
+    assert find_far_held_out(near, blocks, np.append(near, far), same)[1] == once[1] > 5e-4
     assert find_far_held_out(near, blocks, far[:4], blocks[:4])[1] == 1
     assert find_far_held_out(near * 1e-12, blocks, far * 1e-9, blocks[:6])[1] == 1

@@ -20,7 +20,8 @@ from ...measurements.campaign.late_names import list_sources
 from ...measurements.campaign.state_names import FROM_INSTRUMENT
 from ...measurements.measurements import Measurements
 from ...notices import OUTLIERS_MANY, Note
-from ...selection.evaluation import Evaluation, Split, compare_held_out, find_far_held_out
+from ...selection.evaluation import Evaluation, Split
+from ...selection.held_out_comparison import compare_held_out, find_far_held_out
 from ..runs.finding_records import Finding
 
 # how many times more held-out rows err than promised, to be said
