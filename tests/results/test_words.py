@@ -40,6 +40,7 @@ from modelsel.robot.files import load_robot
         (-169e-6, 25e-6, "rad", "-0.169 ± 0.025 mrad"),
         (0.0249, 0.0177, "mm", "0.025 ± 0.018 mm"),
         (727e-9, 31e-6, "rad", "1 ± 31 µrad"),
+        (-2e-7, 2.2e-5, "rad/rad", "0 ± 22 µrad/rad"),
         (1.0, 0.0996, "mm", "1.00 ± 0.10 mm"),
         (1.2e-5, 1.1e-6, "1/K", "12.0 ± 1.1 ppm/K"),
         (2e-3, None, "rad", "2.00 mrad"),

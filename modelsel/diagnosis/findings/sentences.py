@@ -15,7 +15,8 @@ from ...mechanisms.terms import Mechanism, Term, describe_frame_motion, letter
 from ..candidates.candidate import Candidate
 from ..inference.sign_constraints import are_unsigned_negative
 from ..shapes.cause_words import append_cause, find_constant_of
-from .effects import Effect
+from ..shapes.driver_functions import IN_TIME
+from .effects import Claim, Effect
 from .fitted_curves import find_waves, measure_heights
 from .stated_probability import scale_listed
 
@@ -73,7 +74,8 @@ def format_quantity(value: float, error: float | None, unit: str, size: float = 
         shown_error = error / factor
         exponent = int(f"{shown_error:.1e}".partition("e")[2])
         places = max(1 - exponent, 0)
-        shown = f"{size:.{places}f} ± {shown_error:.{places}f}"
+        # z: what rounds to nought has no sign
+        shown = f"{size:z.{places}f} ± {shown_error:.{places}f}"
     elif value:
         shown = f"{size:#.3g}".rstrip(".")
     else:
@@ -232,17 +234,34 @@ def name_joint(effect: Effect) -> str:
 
 
 def name_alike(effect: Effect) -> str:
-    """Name the frames that would move every target in the same way as the one that moves; none beside a
-    joint that moves with how it stands, moves or is loaded itself."""
+    """Name what would move every target in the same way as what moves: other frames, and the instrument
+    against the base; nothing beside a joint that moves with how it stands, moves or is loaded itself."""
     claim = effect.claim
-    if claim is None or not claim.alike:
+    if claim is None:
         return ""
     if claim.moves_joints and any(
         _depends_on_own(joint, names) for (joint, _), names in claim.acts
     ):
         return ""
-    frames = sorted({str(frame) for frame, _ in claim.alike})
-    return f" (frame {choice_list(frames)} would move the target alike)"
+    alike = []
+    if claim.alike:
+        frames = sorted({str(frame) for frame, _ in claim.alike})
+        alike.append(f"frame {choice_list(frames)}")
+    if _may_be_instrument(claim):
+        alike.append("the instrument")
+    if not alike:
+        return ""
+    return f" ({', or '.join(alike)} would move the target alike)"
+
+
+def _may_be_instrument(claim: Claim) -> bool:
+    """Whether what is claimed moves along the campaign as the instrument would against the base, to
+    which frame 1 belongs."""
+    if len(claim.acts) != 1:
+        return False
+    ((place, names),) = claim.acts
+    frames = {frame for frame, _ in (place, *claim.alike)}
+    return 1 in frames and bool(names) and names <= IN_TIME
 
 
 def _depends_on_own(joint: int, names: Iterable[str]) -> bool:

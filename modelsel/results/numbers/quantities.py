@@ -19,6 +19,8 @@ MILLI = 1e3
 ANGLES = {"arcsec": ARC_SECONDS, "mrad": MILLI}
 # digits of an interval's ends: the usual, and the most that are tried to tell them apart
 DIGITS, MAX_DIGITS = 3, 5
+# how many times a figure an end of its interval is where the interval chooses the unit
+FAR_SMALLER = 10.0
 
 
 @dataclass(frozen=True)
@@ -68,9 +70,14 @@ def say_where(words: str, fitted: Fitted, row: int) -> str:
 
 
 def _prefix_angle(value: Range, units: float) -> tuple[Range, str]:
-    """Return an angle, of so many units of a radian, in the unit that reads well, and that unit."""
+    """Return an angle, of so many units of a radian, in the unit that reads well, and that unit: that of
+    its interval where it is small beside this."""
     turn = value.scale(1 / units)
     size = abs(turn.value)
+    ends = [abs(end) for end in (turn.low, turn.high) if end is not None]
+    largest = max(ends, default=size)
+    if largest > FAR_SMALLER * size:
+        size = largest
     factor, unit = choose_prefix(size, "rad")
     multiple = 1 / factor
     shown = turn.scale(multiple)

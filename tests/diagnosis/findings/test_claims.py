@@ -615,6 +615,24 @@ def test_drivers_and_places_in_words() -> None:
             "Joint 2 is off its reading (frame 3 or 4 would move the target alike)",
         ),
         (True, (2, "rz"), "q2", "Frame 2 turns about its z axis"),
+        (
+            False,
+            (1, "rz"),
+            "progress",
+            "Joint 1 is off its reading (the instrument would move the target alike)",
+        ),
+        (
+            False,
+            (1, "tx"),
+            "progress",
+            "Frame 1 shifts along its x axis (the instrument would move the target alike)",
+        ),
+        (
+            False,
+            (2, "tz"),
+            "progress",
+            "Frame 2 shifts along its z axis (frame 3 or 4 would move the target alike)",
+        ),
     ],
 )
 def test_only_the_motion_of_a_joint_is_told_as_the_joints(

@@ -128,6 +128,11 @@ def test_words_tell_an_angle_as_the_sentence_of_the_finding_does(size, unit, wor
     assert (usable.value, usable.unit) == (size, unit)
 
 
+def test_a_figure_far_below_its_interval_has_the_unit_of_that() -> None:
+    small = express("wind-up", Range(421e-6, 0.0, 67.5e-3), "mrad")
+    assert small.text == "wind-up 0.421 µrad (95 %: 0 to 67.5)"
+
+
 def test_the_ends_of_a_narrow_interval_are_told_apart() -> None:
     narrow = express("amplitude", Range(1.41, 1.4095, 1.4104), "mm")
     assert narrow.text == "amplitude 1.41 mm (95 %: 1.409 to 1.410)"
