@@ -16,7 +16,7 @@ SAMPLER = """
 import sys
 from pathlib import Path
 from modelsel.cli.study import _import_sampler
-import modelsel.study.runner
+import modelsel.study.pipeline.runner
 _import_sampler()
 print("emcee" in sys.modules, "scipy.stats" in sys.modules)
 from scipy.stats import norm
@@ -28,7 +28,7 @@ import sys
 from pathlib import Path
 import scipy.linalg # older versions load scipy.sparse
 linalg = set(sys.modules)
-import modelsel.cli.study, modelsel.study.runner
+import modelsel.cli.study, modelsel.study.pipeline.runner
 print(sorted({"scipy.stats", "scipy.sparse", "scipy.spatial", "scipy.optimize", "pandas", "emcee",
               "matplotlib", "multiprocessing", "modelsel.report.drawing"} & set(sys.modules) - linalg))
 """
