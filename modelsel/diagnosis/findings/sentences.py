@@ -251,7 +251,9 @@ def name_alike(effect: Effect) -> str:
         alike.append("the instrument")
     if not alike:
         return ""
-    return f" ({', or '.join(alike)} would move the target alike)"
+    named = ", or ".join(alike)
+    comma = "," if len(alike) > 1 else ""
+    return f" ({named}{comma} would move the target alike)"
 
 
 def _may_be_instrument(claim: Claim) -> bool:

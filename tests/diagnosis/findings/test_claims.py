@@ -622,6 +622,18 @@ def test_drivers_and_places_in_words() -> None:
             "Joint 1 is off its reading (the instrument would move the target alike)",
         ),
         (
+            True,
+            (2, "tz"),
+            "progress",
+            "Joint 2 is off its reading (frame 3 or 4 would move the target alike)",
+        ),
+        (
+            False,
+            (1, "tz"),
+            "progress",
+            "Frame 1 shifts along its z axis (frame 2, or the instrument, would move the target alike)",
+        ),
+        (
             False,
             (1, "tx"),
             "progress",
