@@ -174,7 +174,7 @@ _TWO_PLACEMENTS = (
 _OF_ALL_ROWS = {
     FaultKind.READ_TOO_EARLY.label: (
         MEASURE,
-        "again with the arm at rest when joints are read and targets measured; leave it out of the controller",
+        "again with the arm at rest when joints are read and targets measured; if joints were read too early, commanded angles may stand in for the readings; leave it out of the controller",
     ),
     FaultKind.TIME_OFFSET.label: (
         MEASURE,

@@ -136,7 +136,9 @@ def test_a_fault_of_many_rows_is_not_measured_again(drawn, name, rows, words) ->
     finding = record.findings[1]
     entry = finding.first.model_copy(update={"mechanism": name})
     changed = {"credible_set": [entry], "rows": list(range(rows))}
-    assert advise(record, finding.model_copy(update=changed)).sentence.startswith(words)
+    said = advise(record, finding.model_copy(update=changed)).sentence
+    assert said.startswith(words)
+    assert ("commanded angles may stand in" in said) == (name == "fault:read-too-early")
 
 
 @pytest.mark.parametrize(
