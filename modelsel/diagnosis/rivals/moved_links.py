@@ -69,6 +69,8 @@ def _list_near(problem: Problem, own: float) -> list[float]:
     progress = problem.data.progress
     measured = np.unique(progress).tolist()
     place = bisect_left(measured, own) - 1
+    if not 0 <= place < len(measured) - 1:
+        return []  # all rows are on one side of it
     first = max(place - NEAR, 0)
     around = measured[first : place + NEAR + 2]
     near = list(starmap(round_between, pairwise(around)))

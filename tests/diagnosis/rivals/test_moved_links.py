@@ -55,6 +55,9 @@ def test_every_link_may_have_moved_about_when_something_stepped(rng: Rng) -> Non
     early = list(generate_moved_links(at, tracker_step(at.robot, 0.04)))
     first = min(min(list_step_moments(one.terms)) for one in early)
     assert (progress < first).sum() == 4
+    # of a moment that has all rows on one side nothing is tried
+    assert not list(generate_moved_links(at.take(progress < 0.5), tracker_step(at.robot, 0.99)))
+    assert not list(generate_moved_links(at.take(progress > 0.5), tracker_step(at.robot, 0.01)))
 
 
 @seeds(1)
