@@ -18,6 +18,7 @@ from .exceptions import StudyError
 if TYPE_CHECKING:
     import pandas as pd
 
+PARQUET_SUFFIXES = (".parquet", ".pq")
 STUDY_FILE = "study.toml"  # of a study's own folder
 # in an output folder while a run works there: its lock, files not yet in place, an unfinished chain
 HIDDEN = ".modelsel"
@@ -110,7 +111,7 @@ def csv_bytes(frame: pd.DataFrame, digits: str | None) -> bytes:
 
 def write_frame(frame: pd.DataFrame, path: Path, digits: str) -> None:
     """Write a table as Parquet where the path says so, else as CSV. Raises StudyError."""
-    if path.suffix.lower() in (".parquet", ".pq"):
+    if path.suffix.lower() in PARQUET_SUFFIXES:
         write_atomically(path, frame.to_parquet(index=False))
     else:
         write_atomically(path, csv_bytes(frame, digits))

@@ -9,12 +9,12 @@ from typing import Any
 
 import click
 
-from .._files import STUDY_FILE
+from .._files import PARQUET_SUFFIXES, STUDY_FILE
 from ..exceptions import StudyError, one_line
 
 REMEDY = "Give another file with {option}."
 # endings of a table's name: of text, of Parquet, and none
-TABLE_ENDINGS = ("", ".csv", ".txt", ".parquet", ".pq")
+TABLE_ENDINGS = ("", ".csv", ".txt", *PARQUET_SUFFIXES)
 RESULT_FILE = "result.json"  # says that a folder holds a result
 
 

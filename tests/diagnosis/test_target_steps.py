@@ -56,7 +56,9 @@ def test_targets_that_slip_together_are_told_together(rng: Rng) -> None:
     at, _, _ = draw_campaign(rng, [0, 1, 2])
     (effect,) = diagnose(at).effects
     assert label_effect(effect) == "target-step"
-    assert describe_proven(effect).startswith("All targets stand elsewhere on the flange after ")
+    assert describe_proven(effect).startswith(
+        "All targets stand elsewhere on the flange from about row "
+    )
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ What was measured at the held-out rows is not looked at: what is said of them st
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -51,30 +51,33 @@ def find_open_sides(
     steps = name_steps(problem)
     found = []
     for mechanism in mechanisms:
-        is_of_targets = mechanism.stem == TARGET_STEP
-        joint = find_stepped_joint(mechanism)
-        frame = find_moved_frame(mechanism)
-        is_other = bool(joint or frame)
-        if mechanism.name not in steps and not is_of_targets and not is_other:
+        name = _name_step(mechanism, steps)
+        if name is None:
             continue
         moments = _list_moments(mechanism, effects)
         moved = _find_moved(problem, mechanism)
         around = _find_around(problem, used & moved, moments)
         if around is None:
             continue
-        name = mechanism.name
-        if joint:
-            name = f"of joint {joint}'s waves"
-        elif frame:
-            name = f"of frame {frame}"
         sides = [_find_between(problem, moved, name, around)]
-        if is_of_targets:
-            sides += _find_untold(problem, used, moved, mechanism.name, around)
+        if mechanism.stem == TARGET_STEP:
+            sides += _find_untold(problem, used, moved, name, around)
         for side in sides:
             rows = side.rows & ~used
             if rows.any():
                 found.append(replace(side, rows=rows))
     return tuple(found)
+
+
+def _name_step(mechanism: Mechanism, steps: Container[str]) -> str | None:
+    """Return a step's name, or of which waves or frame it is; None for a mechanism that is no step."""
+    if joint := find_stepped_joint(mechanism):
+        return f"of joint {joint}'s waves"
+    if frame := find_moved_frame(mechanism):
+        return f"of frame {frame}"
+    if mechanism.name in steps or mechanism.stem == TARGET_STEP:
+        return mechanism.name
+    return None
 
 
 def _find_moved(problem: Problem, mechanism: Mechanism) -> Mask:

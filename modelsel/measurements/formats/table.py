@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._arguments import name_type
+from ..._files import PARQUET_SUFFIXES
 from ..._foreign_files import describe_foreign
 from ...exceptions import DataError, find_nearest, list_known, list_within, suggest
 from ...notices import Note
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     import pandas as pd
     import pyarrow as pa
 
-PARQUET_SUFFIXES = (".parquet", ".pq")
 Columns = Mapping[str, "NDArray[Any]"]
 Source: TypeAlias = Union[str, "os.PathLike[str]", "pd.DataFrame", "Table"]
 

@@ -12,10 +12,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from ..._files import PARQUET_SUFFIXES
 from ..._names import guard_cell
 from .number_format import PLAIN
 from .spreadsheet import SPREADSHEET_SUFFIXES
-from .table import PARQUET_SUFFIXES, DataFile, Table
+from .table import DataFile, Table
 from .text_format import BLANKS
 from .text_table import find_text_style
 
