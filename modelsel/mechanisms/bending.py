@@ -308,19 +308,19 @@ def _list_flange_terms(n: int, load: int) -> list[Term]:
     """List the terms of a flange that turns under a payload, for what is known of it."""
     flange = n + 1
     if load == AT_TARGET:
-        moment = _cross(HANGS, PULL)
-        screws = _turn_target(flange, moment, OF_ONE_KG)
+        moment = cross(HANGS, PULL)
+        screws = turn_target(flange, moment, OF_ONE_KG)
         return [Term(f"b{n}p", screws, COMPLIANCE, 1)]
     terms = []
     for axis, name in enumerate("xyz"):
         if load == ANYWHERE:
-            moment = _cross(_along(axis, ONE), PULL)
-            terms.append(Term(f"b{n}p{name}", _turn_target(flange, moment), HEAVY))
+            moment = cross(_along(axis, ONE), PULL)
+            terms.append(Term(f"b{n}p{name}", turn_target(flange, moment), HEAVY))
             continue
         for pull in (axis + 1) % 3, (axis + 2) % 3:
             moment = _along(axis, PULL[pull])
             symbol = f"b{n}p{name}{'xyz'[pull]}"
-            terms.append(Term(symbol, _turn_target(flange, moment), HEAVY))
+            terms.append(Term(symbol, turn_target(flange, moment), HEAVY))
     return terms
 
 
@@ -330,25 +330,27 @@ def _along(axis: int, cause: Cause | None) -> Vector:
     return tuple(causes)
 
 
-def _turn_target(flange: int, turn: Vector, scale: Cause = ONE) -> tuple[Screw, ...]:
+def turn_target(
+    flange: int, turn: Vector, scale: Cause = ONE, load: Cause = PAYLOAD
+) -> tuple[Screw, ...]:
     """Build the screws of the target's frame that turn it about the flange's place by a vector
-    times the payload and a number."""
+    times the load and a number."""
     screws = []
-    for kind, causes in (("r", turn), ("t", _cross(turn, PLACE))):
+    for kind, causes in (("r", turn), ("t", cross(turn, PLACE))):
         for axis, cause in zip("xyz", causes, strict=True):
-            loaded = _multiply(PAYLOAD, cause)
-            scaled = _multiply(loaded, scale)
+            loaded = multiply(load, cause)
+            scaled = multiply(loaded, scale)
             if scaled is not None:
                 screws.append(Screw(flange, f"{kind}{axis}", scaled))
     return tuple(screws)
 
 
-def _cross(left: Vector, right: Vector) -> Vector:
+def cross(left: Vector, right: Vector) -> Vector:
     """Build the vector product of two vectors of causes."""
     product = []
     for j, k in ((1, 2), (2, 0), (0, 1)):
-        first = _multiply(left[j], right[k])
-        second = _multiply(left[k], right[j])
+        first = multiply(left[j], right[k])
+        second = multiply(left[k], right[j])
         product.append(_subtract(first, second))
     return tuple(product)
 
@@ -357,14 +359,14 @@ def _subtract(first: Cause | None, second: Cause | None) -> Cause | None:
     if second is None:
         return first
     if first is None:
-        return _multiply(MINUS, second)
+        return multiply(MINUS, second)
     is_negative, positive = _split(second)
     if is_negative:
         return first + positive
     return first - second
 
 
-def _multiply(left: Cause | None, right: Cause | None) -> Cause | None:
+def multiply(left: Cause | None, right: Cause | None) -> Cause | None:
     """Build the product of two causes, its sign first."""
     if left is None or right is None:
         return None

@@ -1,16 +1,14 @@
-"""What yields under weight: drives, bearings, links, tool; with the arm's own masses or with a
-payload."""
+"""What yields under weight: drives, bearings and springs; with the arm's own masses or with a payload."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from ..measurements.campaign.state_names import StateKind, state_kind
-from ..robot.gravity import declares_masses, find_arm_pair, find_gravity_joints
+from ..robot.gravity import declares_masses, find_arm_pair
 from ..robot.kinematics import Robot
-from ..robot.rigid import AXES
 from .beams import weight_moment
-from .causes import Cause, Named, q, shifted, sign, sin
+from .causes import Cause, Named, q, shifted, sin
 from .motors import (
     drive_angle,
     drive_screws,
@@ -26,10 +24,6 @@ from .terms import Mechanism, Screw, Term
 COMPLIANCE = (1e-8, 1e-3)
 # rad/(N m) times some kg: of a compliance with an unknown mass
 HEAVY = (1e-8, 1e-3)
-# mm: usual sizes of what a tool or a gripper yields
-YIELD = (1e-3, 2.0)
-# mm/kg: the same by a payload
-YIELD_BY_LOAD = (1e-4, 1.0)
 # what is known of the weight that a drive holds: the masses that are declared (or unit ones); none of
 # them, so that each is a term; those that are declared, and the payload besides
 DECLARED, UNKNOWN, WITH_PAYLOAD = 0, 1, 2
@@ -51,7 +45,6 @@ PAYLOAD = "payload_kg"
 OF_BOTH = ", of the arm's weight and of the payload,"
 # what a spring under both adds
 AS_DECLARED = " with the masses as declared"
-TOOL_PARTS = ("gripper or its fingers", "tool changer that yields", "loose target nest")
 SOURCE = "Klimchik, Furet, Caro & Pashkevich 2015, elastostatic calibration"
 # parts that usually make a joint wind up
 WINDING_PARTS = ("compliant gear or shaft", "belt", "soft servo")
@@ -238,93 +231,4 @@ def counterbalance(robot: Robot) -> Mechanism | None:
         f"θ{j} = q{j} + u1 {sin(angle)} + u2 {sin(2.0 * angle)}",
         "Klimchik, Caro, Wu, Pashkevich & Furet 2013, gravity compensators",
         usual_causes=("counterbalance that does not match the weight",),
-    )
-
-
-def tool_droop(robot: Robot) -> Mechanism | None:
-    """The tool bends sideways as gravity pulls across it: the target shifts with the gravity across
-    the flange."""
-    if not find_gravity_joints(robot):
-        return None
-    f = robot.n + 1
-    screws = (Screw(f, "tx", Named("down_x")), Screw(f, "ty", Named("down_y")))
-    return Mechanism(
-        "tool-droop",
-        (Term("g", screws, YIELD, 1),),
-        "The target shifts across the flange in proportion to the gravity across it.",
-        "target offset = g · gravity direction across the flange axis",
-        "cantilever beam; ISO 230-1, stiffness of spindles",
-        usual_causes=("tool that bends", "flange or tool changer that yields", "loose target nest"),
-    )
-
-
-def tool_stretch(robot: Robot) -> Mechanism | None:
-    """The tool yields along the flange's axis: the target shifts with the gravity along it."""
-    if robot.gravity is None:
-        return None
-    screw = Screw(robot.n + 1, "tz", Named("down_z"))
-    return Mechanism(
-        "tool-stretch",
-        (Term("a", (screw,), YIELD, 1),),
-        "The target shifts along the flange's axis in proportion to the gravity along it.",
-        "target offset = a · gravity direction along the flange axis",
-        "spring along its axis; ISO 230-1, stiffness of spindles",
-        usual_causes=("spring or buffer in the tool", *TOOL_PARTS[1:]),
-    )
-
-
-def tool_play(robot: Robot) -> Mechanism | None:
-    """The tool has play along the flange's axis: the target falls to the side that gravity pulls
-    to."""
-    if robot.gravity is None:
-        return None
-    screw = Screw(robot.n + 1, "tz", sign(Named("down_z")))
-    return Mechanism(
-        "tool-play",
-        (Term("b", (screw,), YIELD, 1),),
-        "The target falls from one side to the other along the flange's axis as gravity along it "
-        "changes sign.",
-        "target offset = b · sign of the gravity direction along the flange axis",
-        "play along an axis; ISO 230-1, axial play",
-        usual_causes=("tool changer with play", "tool that is not drawn tight"),
-    )
-
-
-def payload_droop(robot: Robot) -> Mechanism | None:
-    """What holds the payload yields: the target shifts with the payload and the gravity in the
-    flange, across it and along it."""
-    if robot.gravity is None:
-        return None
-    flange = robot.n + 1
-    payload = Named(PAYLOAD, "kg")
-    terms = []
-    for symbol, axes in (("g", "xy"), ("a", "z")):
-        screws = tuple(Screw(flange, f"t{a}", payload * Named(f"down_{a}")) for a in axes)
-        term = Term(f"{symbol}p", screws, YIELD_BY_LOAD, 1)
-        terms.append(term)
-    return Mechanism(
-        "payload-droop",
-        tuple(terms),
-        "The target shifts on the flange in proportion to the payload, the way gravity pulls.",
-        "target offset = payload_kg · (g across, a along) · gravity direction in the flange",
-        "cantilever beam; ISO 230-1, stiffness of spindles",
-        usual_causes=TOOL_PARTS,
-    )
-
-
-def payload_shift(robot: Robot) -> Mechanism:
-    """The target stands elsewhere on the flange with another payload, whatever way gravity pulls."""
-    payload = Named(PAYLOAD, "kg")
-    frame = robot.n + 1
-    terms = tuple(Term(f"s{a}", (Screw(frame, a, payload),), YIELD_BY_LOAD) for a in AXES[:3])
-    return Mechanism(
-        "payload-shift",
-        terms,
-        "The target shifts on the flange in proportion to the payload, in a direction of its own.",
-        "target offset = s · payload_kg",
-        "a shift of the tool's frame; ISO 9283, drift of the pose",
-        usual_causes=(
-            "another gripper or tool with the payload, its target mounted elsewhere",
-            "gripper that is closed on the payload",
-        ),
     )

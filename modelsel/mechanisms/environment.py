@@ -14,14 +14,13 @@ from ..measurements.campaign.late_names import is_temperature, name_late
 from ..measurements.campaign.reference_temperature import REFERENCE, TEMPERATURE
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
-from .causes import Applied, Bump, Cause, Combined, Named, Number, shifted, sign
+from .causes import Applied, Cause, Combined, Named, Number, shifted, sign
 from .motors import drive_angle, drive_screws, name_drive
 from .terms import Mechanism, Screw, Term
 
 PROGRESS: Cause = Named(
     "progress"
 )  # place in the order of motion, 0 to 1: every file has it, clock or not
-DRIFT = {"t": (1e-3, 2.0), "r": (1e-6, 2e-3)}  # mm, rad
 STEP = {"t": (1e-3, 20.0), "r": (1e-6, 2e-2)}
 # mm/°C: usual sizes of the same by a degree
 SHIFT_BY_DEGREE = (1e-4, 0.2)
@@ -165,32 +164,6 @@ def thermal_shift(robot: Robot, lag: int = 0, *, reference: float = REFERENCE) -
         f"target offset = s · ({rise})",
         "ISO 230-3, thermal effects; ISO 1, 20 °C",
         usual_causes=("expansion of its bracket or of the tool", "heat of a motor in the wrist"),
-    )
-
-
-def tracker_drift(robot: Robot, knots: float) -> Mechanism:
-    """Tracker or foundation drifts while the campaign lasts, all six: in proportion to time (knots
-    1), or freely, by splines of time whose knots are this share of the campaign apart."""
-    if knots >= 1:
-        causes: list[Cause] = [PROGRESS]
-    else:
-        causes = [Bump("progress", round(k * knots, 6), knots) for k in range(round(1 / knots) + 1)]
-    terms = tuple(
-        Term(f"v{a}{k}" if len(causes) > 1 else f"v{a}", (Screw(1, a, cause),), DRIFT[a[0]])
-        for a in AXES
-        for k, cause in enumerate(causes, 1)
-    )
-    return Mechanism(
-        "tracker-drift",
-        terms,
-        "Instrument and base drift against each other while the campaign lasts.",
-        "H_1 = v · progress" if knots >= 1 else "H_1 = free function of progress",
-        "ISO 10360-10, laser trackers: drift",
-        usual_causes=(
-            "instrument or its stand warming up",
-            "foundation",
-            "column of the arm warming up",
-        ),
     )
 
 

@@ -11,7 +11,7 @@ from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
 from .bending import OF_ONE_KG
 from .causes import Cause, Named, Number, cos, q, shifted, sign
-from .compliance import DECLARED, OF_BOTH, PAYLOAD, WINDING_PARTS, WITH_PAYLOAD, whole_torque
+from .compliance import OF_BOTH, PAYLOAD, WINDING_PARTS, whole_torque
 from .motors import drive_angle, drive_screws, knows_held_masses, motor_torque, name_drive
 from .terms import Mechanism, Screw, Term
 
@@ -187,16 +187,6 @@ def base_moment(axis: int) -> Cause:
     return Named(f"moment_{name}", "N m")
 
 
-def list_tilts(robot: Robot) -> tuple[int, ...]:
-    """List the loads that the base may tilt with: the arm's weight, and where masses are declared that
-    with the payload's; none where the weight does not tip it."""
-    if not loads_base(robot):
-        return ()
-    if declares_masses(robot):
-        return DECLARED, WITH_PAYLOAD
-    return (DECLARED,)
-
-
 def list_base_loads(robot: Robot) -> dict[Cause, Cause]:
     """List the moments [N m] of the arm's weight about the level axes of frame 0, each with that of the
     payload."""
@@ -206,29 +196,6 @@ def list_base_loads(robot: Robot) -> dict[Cause, Cause]:
         held = _payload_moment(robot, axis)
         loads[own] = OF_ONE_KG * held
     return loads
-
-
-def base_tilt(robot: Robot, load: int) -> Mechanism:
-    """The foundation yields to the arm's moment about the two horizontal axes of frame 0, or to that with
-    the payload's (`load`: one of `list_tilts`)."""
-    terms = []
-    of_both = load == WITH_PAYLOAD
-    for axis, (own, held) in zip(
-        list_level_axes(robot), list_base_loads(robot).items(), strict=True
-    ):
-        moment = own + held if of_both else own
-        screws = base_screws(robot, UNITS[axis], moment)
-        term = Term(f"k{NAMES[axis]}", screws, (1e-8, 1e-4), 1)
-        terms.append(term)
-    payload = " and of the payload, with the masses as declared" if of_both else ""
-    return Mechanism(
-        "base-tilt",
-        tuple(terms),
-        f"The base tilts in proportion to the moment of the arm's weight{payload}.",
-        f"rotation of frame 0 = k · moment of the weight{payload} about it",
-        "Whitney, Lozinski & Rourke 1986",
-        usual_causes=YIELDING_BASE,
-    )
 
 
 def list_edges(robot: Robot) -> tuple[float, ...]:

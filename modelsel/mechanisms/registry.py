@@ -17,14 +17,17 @@ from ..robot.files import as_robot
 from ..robot.gravity import find_bearing_joints
 from ..robot.kinematics import Robot
 from . import (
+    base_tilts,
     bending,
     compliance,
+    drifts,
     drives,
     environment,
     geometry,
     gravity_effects,
     instrument,
     motors,
+    tools,
     wobbles,
 )
 from . import target_names as by_target
@@ -94,7 +97,7 @@ _BUILTIN: Registry = {
         gravity_effects.backlash, gravity_effects.list_sides, motors.find_gravity_motors
     ),
     "wrist-coupling": PerJoint(drives.wrist_coupling, drives.wrist_joints),
-    "base-tilt": Scanned(gravity_effects.base_tilt, gravity_effects.list_tilts),
+    "base-tilt": Scanned(base_tilts.base_tilt, base_tilts.list_tilts),
     "base-rocking": Scanned(gravity_effects.base_rocking, gravity_effects.list_edges),
     "gear-eccentricity": PerJoint(drives.gear_eccentricity, drives.revolute_joints),
     "encoder-eccentricity": PerJoint(drives.encoder_eccentricity, drives.revolute_joints),
@@ -119,17 +122,17 @@ _BUILTIN: Registry = {
     ),
     "payload-tilt": gravity_effects.payload_tilt,
     "counterbalance": compliance.counterbalance,
-    "tool-droop": PerTarget(compliance.tool_droop),
-    "tool-stretch": PerTarget(compliance.tool_stretch),
-    "tool-play": PerTarget(compliance.tool_play),
-    "payload-droop": PerTarget(compliance.payload_droop),
-    "payload-shift": PerTarget(compliance.payload_shift),
+    "tool-droop": PerTarget(tools.tool_droop, others=(tools.tool_bending,)),
+    "tool-stretch": PerTarget(tools.tool_stretch),
+    "tool-play": PerTarget(tools.tool_play),
+    "payload-droop": PerTarget(tools.payload_droop),
+    "payload-shift": PerTarget(tools.payload_shift),
     "approach-backlash": PerJoint(drives.approach_backlash, drives.all_joints),
     "overshoot": PerJoint(drives.overshoot, drives.all_joints),
     "settle": PerJoint(drives.settling, drives.all_joints),
     drives.SERVO_LAG: PerJoint(drives.servo_lag, drives.all_joints),
     **build_thermal(),
-    "tracker-drift": Scanned(environment.tracker_drift, lambda robot: (1.0, 0.25, 0.1)),
+    "tracker-drift": Scanned(drifts.tracker_drift, drifts.list_drifts),
     "tracker-step": Scanned(
         environment.tracker_step, lambda robot: environment.STEPS, range=(0.0, 1.0)
     ),
@@ -171,8 +174,7 @@ def build_faults(robot: Robot) -> tuple[Mechanism, ...]:
 
 
 def refuse_unknown_mechanism(name: str, registry: Registry) -> StudyError:
-    """Return the error of a name that no registry has: with the nearest one, or where all are
-    listed."""
+    """Return the error of an unknown name: with the nearest one, or where all are listed."""
     hint = suggest(name.partition(":")[0], registry) or "`modelsel mechanisms` lists them."
     return StudyError(f'unknown mechanism "{name}". {hint}')
 
@@ -196,8 +198,7 @@ def build_mechanisms(
 
 
 def find_misbuilt(mechanism: Any, robot: Robot) -> str | None:
-    """Find what keeps a builder's result from acting on a robot, in words; None where nothing
-    does."""
+    """Find what keeps a builder's result from acting on a robot, in words, if anything does."""
     if not isinstance(mechanism, Mechanism):
         found = describe_value(mechanism)
         return f"a Mechanism was expected (None where it does not apply), and {found} was built"
@@ -283,8 +284,7 @@ def _check_function(stem: str, entry: Any) -> None:
 def _build_scanned(
     name: str, joint: str | None, constant: str | None, robot: Robot, entry: Scanned
 ) -> tuple[Mechanism, ...]:
-    """Build a scanned entry's mechanisms, of one constant or all. Raises StudyError for a constant
-    that is not scanned."""
+    """Build a scanned entry's mechanisms, of one constant or all. Raises StudyError for another."""
     places: list[tuple[int, ...]] = [()]
     if entry.joints is not None:
         joints = choose_entry_joints(name, joint, robot, entry.joints)
@@ -308,9 +308,9 @@ def _build_scanned(
 
 
 def mechanism(name: str, robot: Robot | str, registry: Registry = BUILTIN) -> Mechanism:
-    """Build one mechanism for a name: all its joints together where it has joints; of a scanned one
-    without its constant, the first; of the target's, that of all targets together. `robot`: the robot, or a built-in one's name. Raises StudyError
-    where none applies."""
+    """Build one mechanism for a name: all its joints together where it has joints; of several constants or
+    forms, the first; of the target's, that of all targets together. `robot`: the robot, or a built-in one's
+    name. Raises StudyError where none applies."""
     check_type("name", name, str, "a mechanism's name")
     robot = as_robot(robot)
     first: dict[str, Mechanism] = {}
@@ -395,6 +395,5 @@ def _find_mechanism_problem(name: str, mechanism: Mechanism) -> str | None:
     if mechanism.stem != name:
         return f'it is registered as "{name}" and calls itself "{mechanism.name}"'
     for term in mechanism.terms:
-        # raises for what cannot be printed
-        str((term.unit, *term.screws))
+        str((term.unit, *term.screws))  # raises for what cannot be printed
     return unstorable(mechanism)

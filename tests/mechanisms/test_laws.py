@@ -21,6 +21,7 @@ from modelsel.mechanisms.cause_formulas import parse
 from modelsel.mechanisms.causes import Applied, Cause, Named, Number, cos, q, sin
 from modelsel.mechanisms.geometry import build_setup
 from modelsel.mechanisms.registry import BUILTIN, Scanned, build_mechanisms, every, mechanism
+from modelsel.mechanisms.target_entries import PerTarget
 from modelsel.mechanisms.terms import Mechanism, Screw, Term, unstorable
 from modelsel.robot.files import builtin_names, load_robot
 from modelsel.robot.kinematics import Robot
@@ -119,16 +120,20 @@ def test_whole_check_for_plugins(name, rng) -> None:
     laws.check_mechanism(mechanism(name, ROBOTS["puma760"]), ROBOTS["puma760"], rng)
 
 
+def has_forms(entry: object) -> bool:
+    return isinstance(entry, Scanned) or (isinstance(entry, PerTarget) and bool(entry.others))
+
+
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_names(robot) -> None:
-    """What is built under a name is found under it; only the constants of a scanned mechanism share
-    one."""
+    """What is built under a name is found under it; only the constants of a scanned mechanism, and the
+    forms of a target's, share one."""
     arm = ROBOTS[robot]
     found = every_of(arm)
     assert len({(m.name, m.terms) for m in found}) == len(found)
     counts = Counter(m.name for m in found)
     shared = {name.partition(":")[0] for name, count in counts.items() if count > 1}
-    assert all(isinstance(BUILTIN[stem], Scanned) for stem in shared)
+    assert all(has_forms(BUILTIN[stem]) for stem in shared)
     for name in counts:
         assert build_mechanisms(name, arm) == tuple(m for m in found if m.name == name)
 

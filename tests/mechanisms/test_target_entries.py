@@ -39,7 +39,8 @@ def test_what_acts_on_the_target_has_a_form_for_each_of_several() -> None:
     registry = set_targets(BUILTIN, ["A", "B"])
     for stem in OF_TARGETS:
         names = [m.name for m in build_mechanisms(stem, ROBOT, registry)]
-        assert names == [stem, f"{stem}:A", f"{stem}:B"]
+        forms = len(build_mechanisms(stem, ROBOT))
+        assert names == [stem] * forms + [f"{stem}:A"] * forms + [f"{stem}:B"] * forms
         assert mechanism(stem, ROBOT, registry) == mechanism(stem, ROBOT)
 
 
@@ -56,8 +57,8 @@ def test_the_form_of_one_target_moves_no_other(rng: np.random.Generator) -> None
     data = build_measurements(ROBOT.draw(rng, 4), np.zeros((4, 3)), target=["A", "B"] * 2)
     at = Problem(ROBOT, data, np.zeros((2, 3)))
     registry = set_targets(BUILTIN, ["A", "B"])
-    (droop,) = build_mechanisms("tool-droop:B", ROBOT, registry)
-    (together,) = build_mechanisms("tool-droop", ROBOT)
+    droop, bending = build_mechanisms("tool-droop:B", ROBOT, registry)
+    together, _ = build_mechanisms("tool-droop", ROBOT)
     assert (
         droop.sentence
         == "Target B shifts across the flange in proportion to the gravity across it."
@@ -65,6 +66,7 @@ def test_the_form_of_one_target_moves_no_other(rng: np.random.Generator) -> None
     assert (
         droop.equation == "target offset = g · gravity direction across the flange axis · target_2"
     )
+    assert bending.sentence.startswith("Target B turns with its tool about the flange")
     for own, every_one in zip(droop.terms[0].screws, together.terms[0].screws, strict=True):
         values = np.asarray(own.cause.of(at.state))
         assert values[::2].tolist() == [0, 0]

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from ...measurements.campaign.state_names import StateKind, state_kind
+from ...mechanisms.drifts import warms_up
 from ...mechanisms.moved_targets import find_moved_targets
 from ...mechanisms.terms import Mechanism
 
@@ -56,11 +57,11 @@ def weigh_names(mechanisms: Sequence[Mechanism], weights: Mapping[str, float]) -
 
 def share_constants(mechanisms: Sequence[Mechanism]) -> list[float]:
     """Share the prior of every name among its constants: evenly, but that a temperature as it is weighs
-    as much as with all lags together."""
-    forms = [(m.name, _is_late(m)) for m in mechanisms]
+    as much as with all lags together, and other courses of a drift as much as all warm-ups."""
+    forms = [(m.name, _is_late(m), warms_up(m)) for m in mechanisms]
     constants = Counter(forms)
-    sorts = Counter(name for name, _ in constants)
-    return [1 / (sorts[name] * constants[name, late]) for name, late in forms]
+    sorts = Counter(name for name, *_ in constants)
+    return [1 / (sorts[form[0]] * constants[form]) for form in forms]
 
 
 def _is_late(mechanism: Mechanism) -> bool:

@@ -34,8 +34,14 @@ def measure_load(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
 
 
 def measure_droop(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
-    """Measure how far gravity across the flange's axis shifts the target."""
-    yield express("droop of a level flange axis", fitted.range_of(np.ones(1)), "mm")
+    """Measure how far gravity across the flange's axis shifts the target; where the tool turns, how far
+    at most."""
+    term = mechanism.terms[0]
+    if term.screws[0].axis.startswith("t"):
+        yield express("droop of a level flange axis", fitted.range_of(np.ones(1)), "mm")
+        return
+    row = fitted.find_worst()
+    yield express("droop of the tool, at most", fitted.moved_at(row), "mm")
 
 
 def measure_load_shift(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:

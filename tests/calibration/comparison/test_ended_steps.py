@@ -12,7 +12,8 @@ from modelsel.calibration.calibration import Calibration
 from modelsel.calibration.comparison.ended_steps import settle_steps
 from modelsel.calibration.prediction import predict
 from modelsel.fitting.design import Model
-from modelsel.mechanisms.environment import step_after, target_step, tracker_drift, zero_step
+from modelsel.mechanisms.drifts import tracker_drift
+from modelsel.mechanisms.environment import step_after, target_step, zero_step
 from modelsel.mechanisms.moved_targets import limit_to_targets
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 

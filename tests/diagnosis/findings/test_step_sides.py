@@ -13,13 +13,8 @@ from modelsel.diagnosis.findings.step_sides import find_open_sides, mark_open
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import Named, sin
-from modelsel.mechanisms.environment import (
-    step_after,
-    target_step,
-    tracker_bumped,
-    tracker_drift,
-    zero_step,
-)
+from modelsel.mechanisms.drifts import tracker_drift
+from modelsel.mechanisms.environment import step_after, target_step, tracker_bumped, zero_step
 from modelsel.mechanisms.moved_targets import limit_to_targets
 from modelsel.mechanisms.step_moments import find_step_moments
 from modelsel.mechanisms.terms import Mechanism
