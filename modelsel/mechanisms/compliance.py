@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+
 import numpy as np
 
 from ..measurements.campaign.state_names import StateKind, state_kind
-from ..robot.gravity import declares_masses, find_arm_pair
+from ..robot.gravity import declares_masses, declares_masses_beyond, find_arm_pair
 from ..robot.kinematics import Robot
 from .beams import weight_moment
+from .bodies import list_main_bodies
 from .causes import Cause, Named, q, shifted, sin
 from .motors import (
     drive_angle,
@@ -31,6 +34,8 @@ PAYLOAD_DEFLECTION = "payload-deflection"
 # what is known of where a payload hangs: at the target (at the mean of several) or where the robot says, or
 # nothing
 AT_TARGET, ANYWHERE = 0, 1
+# the axes of a joint's frame across its own
+ACROSS = "xy"
 # share of a unit vector below which it has no part along an axis
 NO_PART = 1e-9
 # kinds of what the arm's own masses load
@@ -142,20 +147,50 @@ def mass_choices(robot: Robot, joint: int) -> tuple[int, ...]:
     return (DECLARED,)
 
 
-def lateral_compliance(robot: Robot, joint: int) -> Mechanism:
-    """The bearing yields across the axis."""
-    terms = tuple(
-        Term(f"l{joint}{a}", (Screw(joint, f"r{a}", weight_moment(joint, a)),), COMPLIANCE, 1)
-        for a in "xy"
-    )
+def list_bearing_loads(robot: Robot, joint: int) -> tuple[int, ...]:
+    """List what is known of the masses that load a bearing across its axis: all, or those at the ends of the
+    arm's main links where not all beyond it are declared."""
+    main = list_main_bodies(robot, joint - 1)
+    if declares_masses_beyond(robot, joint) or not main:
+        return (DECLARED,)
+    return DECLARED, UNKNOWN
+
+
+def lateral_compliance(robot: Robot, joint: int, masses: int = DECLARED) -> Mechanism:
+    """The bearing yields across the axis: under the declared (or unit) masses, about each axis by a number of
+    its own, or under unknown ones, a term each, about both alike."""
+    loads = f"the weight about x, y of frame {joint}"
+    if masses == DECLARED:
+        terms = [Term(f"l{joint}{axis}", (_tilt(joint, axis),), COMPLIANCE, 1) for axis in ACROSS]
+    else:
+        bodies = list_main_bodies(robot, joint - 1)
+        terms = list(_tilt_by_each(joint, bodies))
+        frames = ", ".join(map(str, bodies))
+        loads = f"{loads}, of masses that are not known at frames {frames}"
     return Mechanism(
         f"lateral-compliance:{joint}",
-        terms,
+        tuple(terms),
         f"The axis of joint {joint} tilts in proportion to the moment of the weight across it.",
-        f"α{joint}, β{joint} = l · moment of the weight about x, y of frame {joint}",
+        f"α{joint}, β{joint} = l · moment of {loads}",
         SOURCE,
         usual_causes=("compliant bearing", "compliant housing or link before it"),
     )
+
+
+def _tilt_by_each(joint: int, bodies: Sequence[int]) -> Iterator[Term]:
+    """List the terms of a bearing that tilts under masses that are not known, with the moments of each; none
+    of what weighs at its own origin."""
+    for body in bodies:
+        if body != joint:
+            screws = tuple(_tilt(joint, axis, body) for axis in ACROSS)
+            yield Term(f"l{joint}m{body}", screws, HEAVY, 1)
+
+
+def _tilt(joint: int, axis: str, body: int | None = None) -> Screw:
+    """Build the screw that tilts a joint's axis about x or y by the moment of the weight, or of 1 kg at a
+    body."""
+    moment = weight_moment(joint, axis, body)
+    return Screw(joint, f"r{axis}", moment)
 
 
 def list_hangs(robot: Robot, joint: int) -> tuple[int, ...]:

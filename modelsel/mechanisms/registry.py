@@ -110,7 +110,9 @@ _BUILTIN: Registry = {
     "joint-compliance": Scanned(
         compliance.joint_compliance, compliance.mass_choices, motors.find_payload_motors
     ),
-    "lateral-compliance": PerJoint(compliance.lateral_compliance, find_bearing_joints),
+    "lateral-compliance": Scanned(
+        compliance.lateral_compliance, compliance.list_bearing_loads, find_bearing_joints
+    ),
     bending.LINK_BENDING: Scanned(
         bending.link_bending, bending.list_bendings, bending.find_bending_links
     ),
