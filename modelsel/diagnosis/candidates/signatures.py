@@ -62,6 +62,7 @@ OF_ONE_SHAPE = (
     CandidateKind.RAMP,
     CandidateKind.SAW,
     CandidateKind.PULL,
+    CandidateKind.KINK,
     CandidateKind.TIME_WAVE,
     CandidateKind.HYSTERESIS,
     CandidateKind.FALL,

@@ -20,6 +20,7 @@ from .field_distortions import generate_distortions, is_seen_wrongly
 from .finer_waves import generate_finer_waves
 from .free_functions import Drivers, generate_shapes
 from .joint_drags import generate_drags_together, is_own_hysteresis
+from .kinks import list_kinks_together
 from .pair_waves import generate_waves_of
 from .soft_shapes import DISTINCT, list_soft_steps, list_springs
 from .stepped_waves import generate_waves_in_time
@@ -109,13 +110,15 @@ def _build_group(
     ripples = list_turning_ripples(mechanisms)
     rippling = list_loaded_ripples(problem, mechanisms)
     stepped = list(generate_waves_in_time(problem, place, mechanisms))
-    if not any((shapes, steps, springs, ripples, rippling, stepped)):
+    kinks = list_kinks_together(problem, mechanisms)
+    if not any((shapes, steps, springs, ripples, rippling, stepped, kinks)):
         return None
     odds = UNLISTED_ODDS * max(effects[g].prior for g in members)
     weighed = [Candidate(m, kind, odds / len(shapes)) for m, kind in shapes]
     soft = [Candidate(m, CandidateKind.SHAPE, DISTINCT * odds / len(steps)) for m in steps]
     soft += [Candidate(m, CandidateKind.RIPPLE, odds / len(ripples)) for m in ripples]
     soft += [Candidate(m, CandidateKind.STEPPED_WAVE, odds / len(stepped)) for m in stepped]
+    soft += [Candidate(m, CandidateKind.KINK, odds / len(kinks)) for m in kinks]
     loaded = [Candidate(m, CandidateKind.SHAPE, odds) for m in springs]
     loaded += [Candidate(m, CandidateKind.RIPPLE, odds) for m in rippling]
     listed = build_listed([effects[g] for g in members])

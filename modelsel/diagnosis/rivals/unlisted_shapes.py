@@ -45,6 +45,7 @@ from .free_functions import (
     generate_shapes,
 )
 from .joint_drags import generate_drags_instead, generate_other_widths
+from .kinks import generate_finer_kinks, generate_kinks
 from .moved_links import find_moved_frame, generate_moved_links
 from .pair_waves import generate_waves_together
 from .simple_shapes import generate_products, generate_pulls, generate_saws, generate_soft_lags
@@ -65,6 +66,7 @@ SIMPLE = {
     generate_drags_instead: CandidateKind.HYSTERESIS,
     generate_saws: CandidateKind.SAW,
     generate_pulls: CandidateKind.PULL,
+    generate_kinks: CandidateKind.KINK,
     generate_powers: CandidateKind.POWER,
     generate_waves_together: CandidateKind.WAVE,
     generate_distortions: CandidateKind.DISTORTION,
@@ -75,6 +77,7 @@ SIMPLE = {
 FINER = {
     CandidateKind.BUMP: (generate_finer_bumps, "drivers"),
     CandidateKind.HYSTERESIS: (generate_other_widths, "shape"),
+    CandidateKind.KINK: (generate_finer_kinks, "shape"),
     CandidateKind.STEPPED_WAVE: (generate_other_moments, "shape"),
 }
 # kinds of waves, whose number may lie between those that are looked for

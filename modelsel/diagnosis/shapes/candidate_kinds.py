@@ -26,6 +26,7 @@ class CandidateKind(Enum):
     SAW = "joint that errs more and more and falls back, a whole number of times a turn"
     REACH = "power of the reach, at the base or the column that turns with it"
     PULL = "turn of a joint with its neighbour's reading beyond some angle"
+    KINK = "turn of a joint in proportion to how far a reading is beyond some angle"
     WOUND = "turn of a joint with its own reading, more or less with another joint's"
     PRODUCT = "turn of a joint with the product of two joints' readings"
     SOFT_LAG = "lag of a joint behind its last move that levels off"
@@ -56,6 +57,7 @@ NAMED_IN_WORDS = (
     CandidateKind.POWER,
     CandidateKind.REACH,
     CandidateKind.PULL,
+    CandidateKind.KINK,
     CandidateKind.WOUND,
     CandidateKind.PRODUCT,
     CandidateKind.FALL,

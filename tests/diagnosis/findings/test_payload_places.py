@@ -65,9 +65,14 @@ def test_every_joint_is_told_where_the_payload_hangs_as_stated(rng: Rng) -> None
     joints = sorted(rng.choice([4, 5, 6], 2, replace=False).tolist())
     _, diagnosis = diagnose(joints, hangs, rng, stated=True)
     found = {effect.label: effect for effect in diagnosis.effects}
-    assert sorted(found) == [f"payload-deflection:{joint}" for joint in joints]
-    for effect in found.values():
+    names = [f"payload-deflection:{joint}" for joint in joints]
+    assert set(names) <= set(found)
+    for label, effect in found.items():
         assert effect.claim is not None
+        if label not in names:
+            # of twenty campaigns one has a further effect by chance
+            assert effect.claim.probability < PROVEN
+            continue
         assert effect.claim.levels[LEVELS.index("cause")] >= PROVEN
         assert len(effect.estimate) == 1
     assert not payload_place_notes(diagnosis)
