@@ -5,11 +5,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+import numpy as np
+
 from ..robot.gravity import declares_masses, declares_masses_beyond, loads_base
 from ..robot.kinematics import Robot
 from .beams import name_moments
 from .bodies import list_bodies, list_main_bodies
-from .causes import Cause
 from .compliance import DECLARED, HEAVY, UNKNOWN, WITH_PAYLOAD
 from .gravity_effects import (
     NAMES,
@@ -26,6 +27,8 @@ TILT = (1e-8, 1e-4)
 OF_MAIN, OF_MAIN_BY_AXIS = 3, 4
 # the base as the link before joint 1
 GROUND = 0
+# cosine of an axis that counts as upright
+UPRIGHT = 0.999
 SOURCE = "Whitney, Lozinski & Rourke 1986"
 
 
@@ -57,23 +60,34 @@ def _list_unknown(robot: Robot) -> list[int]:
 def base_tilt(robot: Robot, load: int) -> Mechanism:
     """The foundation yields to the arm's moment about the two horizontal axes of frame 0 (`load`: one of
     `list_tilts`)."""
-    if load in (DECLARED, WITH_PAYLOAD):
-        return _tilt_by_all(robot, of_both=load == WITH_PAYLOAD)
-    bodies = list_bodies(robot, GROUND) if load == UNKNOWN else list_main_bodies(robot, GROUND)
-    terms = list(_list_terms(robot, bodies, by_axis=load == OF_MAIN_BY_AXIS))
+    of_both = load == WITH_PAYLOAD
+    if of_both or load == DECLARED:
+        return _tilt_by_all(robot, of_both)
+    list_loads = list_main_bodies
+    if load == UNKNOWN:
+        list_loads = list_bodies
+    bodies = list_loads(robot, GROUND)
+    by_axis = load == OF_MAIN_BY_AXIS
+    terms = list(_list_terms(robot, bodies, by_axis))
     frames = ", ".join(map(str, bodies))
-    return _build(terms, "", f", of masses that are not known at frames {frames},")
+    loads = f", of masses that are not known at frames {frames},"
+    return _build(terms, "", loads)
 
 
 def _tilt_by_all(robot: Robot, of_both: bool) -> Mechanism:
     """Build the tilt of a base under all masses together, with the payload's or not."""
     terms = []
-    for axis, (own, held) in zip(
-        list_level_axes(robot), list_base_loads(robot).items(), strict=True
-    ):
-        moment = own + held if of_both else own
-        screws = base_screws(robot, UNITS[axis], moment)
-        terms.append(Term(f"k{NAMES[axis]}", screws, TILT, 1))
+    axes = list_level_axes(robot)
+    loads = list_base_loads(robot)
+    for axis, (own, held) in zip(axes, loads.items(), strict=True):
+        moment = own
+        if of_both:
+            moment = own + held
+        direction = UNITS[axis]
+        screws = base_screws(robot, direction, moment)
+        symbol = f"k{NAMES[axis]}"
+        term = Term(symbol, screws, TILT, 1)
+        terms.append(term)
     payload = " and of the payload, with the masses as declared" if of_both else ""
     return _build(terms, payload, payload)
 
@@ -92,24 +106,27 @@ def _build(terms: Sequence[Term], besides: str, loads: str) -> Mechanism:
 def _list_terms(robot: Robot, bodies: Sequence[int], by_axis: bool) -> Iterator[Term]:
     """List the terms of a base that tilts under masses that are not known: one for each mass, or for each
     mass and axis."""
-    turn = robot.joints[0].before[:3, :3]
     for body in bodies:
-        tilts: list[tuple[str, tuple[Screw, ...]]] = []
-        for axis, moment in _list_moments(robot, body).items():
-            direction = turn[:, NAMES.index(axis)]
-            tilts.append((axis, base_screws(robot, direction, moment)))
-        if by_axis:
-            for axis, screws in tilts:
+        every: list[Screw] = []
+        for axis, screws in _list_tilts(robot, body):
+            every += screws
+            if by_axis:
                 yield Term(f"k{axis}m{body}", screws, HEAVY, 1)
-        else:
-            every = tuple(screw for _, screws in tilts for screw in screws)
-            yield Term(f"km{body}", every, HEAVY, 1)
+        if not by_axis:
+            screws = tuple(every)
+            yield Term(f"km{body}", screws, HEAVY, 1)
 
 
-def _list_moments(robot: Robot, body: int) -> dict[str, Cause]:
-    """List the moments of 1 kg at a body about the axes of frame 1 that are not upright."""
-    upright = robot.joints[0].before[:3, :3].T @ (robot.gravity or (0.0, 0.0, 0.0))
+def _list_tilts(robot: Robot, body: int) -> Iterator[tuple[str, tuple[Screw, ...]]]:
+    """List the turns of the base by 1 kg at a body, about each axis of frame 1 that is not upright."""
+    first = robot.joints[0]
+    axes = first.before[:3, :3].T
+    gravity = robot.gravity or (0.0, 0.0, 0.0)
+    upright = np.abs(axes @ gravity)
     moments = name_moments(robot, GROUND + 1, body)
-    return {
-        axis: moment for axis, moment in moments.items() if abs(upright[NAMES.index(axis)]) < 0.999
-    }
+    for axis, direction, share in zip(NAMES, axes, upright, strict=True):
+        moment = moments.get(axis)
+        if moment is None or share > UPRIGHT:
+            continue
+        screws = base_screws(robot, direction, moment)
+        yield axis, screws

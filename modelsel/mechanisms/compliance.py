@@ -181,9 +181,11 @@ def _tilt_by_each(joint: int, bodies: Sequence[int]) -> Iterator[Term]:
     """List the terms of a bearing that tilts under masses that are not known, with the moments of each; none
     of what weighs at its own origin."""
     for body in bodies:
-        if body != joint:
-            screws = tuple(_tilt(joint, axis, body) for axis in ACROSS)
-            yield Term(f"l{joint}m{body}", screws, HEAVY, 1)
+        if body == joint:
+            continue
+        screws = tuple(_tilt(joint, axis, body) for axis in ACROSS)
+        symbol = f"l{joint}m{body}"
+        yield Term(symbol, screws, HEAVY, 1)
 
 
 def _tilt(joint: int, axis: str, body: int | None = None) -> Screw:

@@ -351,9 +351,8 @@ def every(robot: Robot | str, registry: Registry = BUILTIN) -> tuple[Mechanism, 
 def with_plugins(
     registry: Registry = BUILTIN, robot: Robot | None = None
 ) -> tuple[Registry, dict[str, str]]:
-    """Return the registry with every installed plug-in's entries, and what is wrong with those left
-    out: plug-ins that cannot be loaded, names that are taken, and entries that cannot be built for
-    `robot`, where one is given."""
+    """Return the registry with every installed plug-in's entries, and what is wrong with those left out: what
+    cannot be loaded, or built for `robot`, where one is given, and names that are taken."""
     from importlib.metadata import entry_points
 
     check_type("registry", registry, Mapping, REGISTRY_EXPECTED)

@@ -146,9 +146,16 @@ def payload_shift(robot: Robot) -> Mechanism:
 
 def build_fall_screws(flange: int, line: Array) -> tuple[Screw, ...]:
     """Build the screws that let the target fall to either side along a line (3,) of the flange's frame."""
-    shares = [float(f"{share:.6g}") if abs(share) > NOTHING else 0.0 for share in line]
-    side = sign(_weigh_pull(shares))
-    causes = {k: _scale(share, side) for k, share in enumerate(shares) if share}
+    shares = []
+    for share in line:
+        rounded = float(f"{share:.6g}")
+        shares.append(rounded if abs(share) > NOTHING else 0.0)
+    pull = _weigh_pull(shares)
+    side = sign(pull)
+    causes = {}
+    for k, share in enumerate(shares):
+        if share:
+            causes[k] = _scale(share, side)
     return _shift(flange, causes)
 
 
@@ -160,7 +167,9 @@ def _project_along(robot: Robot) -> Array:
 
 def _project_across(robot: Robot) -> Array:
     """Return the projection (3, 3) onto the plane across the flange's axis."""
-    return np.eye(3) - _project_along(robot)
+    whole = np.eye(3)
+    along = _project_along(robot)
+    return whole - along
 
 
 def _shift_by_pull(robot: Robot, matrix: Array, load: Cause | None = None) -> tuple[Screw, ...]:
@@ -181,10 +190,14 @@ def _shift(flange: int, causes: Mapping[int, Cause]) -> tuple[Screw, ...]:
 
 def _weigh_pull(weights: Iterable[float]) -> Cause:
     """Build the sum of the components of gravity's direction in the flange's frame, by weights (3,)."""
-    pulls = [Named(f"down_{axis}") for axis in "xyz"]
-    parts = [_scale(weight, pull) for weight, pull in zip(weights, pulls, strict=True) if weight]
-    total = parts[0]
-    for part in parts[1:]:
+    parts = []
+    for weight, axis in zip(weights, "xyz", strict=True):
+        pull = Named(f"down_{axis}")
+        if weight:
+            part = _scale(weight, pull)
+            parts.append(part)
+    total, *others = parts
+    for part in others:
         total = total + part
     return total
 

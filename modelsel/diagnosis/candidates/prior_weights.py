@@ -58,10 +58,18 @@ def weigh_names(mechanisms: Sequence[Mechanism], weights: Mapping[str, float]) -
 def share_constants(mechanisms: Sequence[Mechanism]) -> list[float]:
     """Share the prior of every name among its constants: evenly, but that a temperature as it is weighs
     as much as with all lags together, and other courses of a drift as much as all warm-ups."""
-    forms = [(m.name, _is_late(m), warms_up(m)) for m in mechanisms]
+    forms = []
+    for m in mechanisms:
+        late = _is_late(m)
+        warming = warms_up(m)
+        forms.append((m.name, late, warming))
     constants = Counter(forms)
     sorts = Counter(name for name, *_ in constants)
-    return [1 / (sorts[form[0]] * constants[form]) for form in forms]
+    shares = []
+    for form in forms:
+        sharing = sorts[form[0]] * constants[form]
+        shares.append(1 / sharing)
+    return shares
 
 
 def _is_late(mechanism: Mechanism) -> bool:

@@ -94,7 +94,8 @@ def _build_group(
 ) -> FindingGroup | None:
     mechanisms = [effects[g].mechanism for g in members]
     drivers = frozenset[str]().union(*(mechanism.names() for mechanism in mechanisms))
-    if drivers == {f"q{place[0]}"} and is_joint_motion(problem.robot, place):
+    is_own = drivers == {f"q{place[0]}"} and is_joint_motion(problem.robot, place)
+    if is_own:
         kind = CandidateKind.JOINT_WAVE if place[1] == "rz" else CandidateKind.SLIDE_WAVE
         waves = [wave for m in mechanisms for wave in generate_finer_waves(problem, m)]
         shapes = [(wave, kind) for wave in dict.fromkeys(waves)]
@@ -110,7 +111,7 @@ def _build_group(
     ripples = list_turning_ripples(mechanisms)
     rippling = list_loaded_ripples(problem, mechanisms)
     stepped = list(generate_waves_in_time(problem, place, mechanisms))
-    kinks = list_kinks_together(problem, mechanisms)
+    kinks = [] if is_own else list_kinks_together(problem, mechanisms)
     if not any((shapes, steps, springs, ripples, rippling, stepped, kinks)):
         return None
     odds = UNLISTED_ODDS * max(effects[g].prior for g in members)

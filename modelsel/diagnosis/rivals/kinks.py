@@ -54,8 +54,13 @@ def list_kinks_together(problem: Problem, mechanisms: Sequence[Mechanism]) -> li
     drivers = {_read_driver(problem, found) for found in mechanisms}
     if len(drivers) > 1 or None in drivers:
         return []
-    kinks = [kink for found in mechanisms for kink in generate_kinks(problem, found)]
-    return [kink for kink in dict.fromkeys(kinks) if kink not in mechanisms]
+    kinks: dict[Mechanism, None] = {}
+    for found in mechanisms:
+        for kink in generate_kinks(problem, found):
+            kinks[kink] = None
+    for found in mechanisms:
+        kinks.pop(found, None)
+    return list(kinks)
 
 
 def generate_finer_kinks(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
@@ -77,8 +82,9 @@ def generate_finer_kinks(problem: Problem, found: Mechanism) -> Iterator[Mechani
 
 def _count_steps(readings: Array) -> int:
     """Count the steps into which the range of readings is parted."""
-    width = float(np.ptp(readings))
-    return max(STEPS, math.ceil(width / WIDEST))
+    width = np.ptp(readings)
+    steps = math.ceil(width / WIDEST)
+    return max(STEPS, steps)
 
 
 def build_kink(joint: int, other: int, onset: float, side: str) -> Mechanism:
@@ -105,13 +111,19 @@ def _read_driver(problem: Problem, found: Mechanism) -> tuple[int, int] | None:
     drivers = list(found.names())
     if len(places) != 1 or len(drivers) != 1:
         return None
-    (joint, axis), driver = places[0], drivers[0]
-    turning = {f"q{k}": k for k in list_turning(problem.robot)}
-    if axis != AXES[5] or f"q{joint}" not in turning or driver not in turning:
+    joint, axis = places[0]
+    driver = drivers[0]
+    turning = list_turning(problem.robot)
+    if axis != AXES[5] or joint not in turning:
         return None
-    other = turning[driver]
-    moves = np.ptp(problem.data.q[:, other - 1]) > STILL
-    return (joint, other) if moves else None
+    for other in turning:
+        if driver != f"q{other}":
+            continue
+        readings = problem.data.q[:, other - 1]
+        width = np.ptp(readings)
+        if width > STILL:
+            return joint, other
+    return None
 
 
 def _read_kink(found: Mechanism) -> tuple[float, str] | None:
