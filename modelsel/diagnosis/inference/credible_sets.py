@@ -69,13 +69,14 @@ class CredibleSet:
         return any(entry.place == g for entry in self.entries)
 
     def sum_by_label(self) -> dict[str, float]:
-        """Sum the probabilities of what is listed by its label, whatever its constants."""
+        """Sum the probabilities of what is listed by its label, whatever its constants, the likeliest first."""
         weights: dict[str, float] = {}
         for entry in self.entries:
             label = entry.candidate.label
             before = weights.get(label, 0.0)
             weights[label] = before + entry.probability
-        return weights
+        by_weight = sorted(weights, key=lambda label: -weights[label])
+        return {label: weights[label] for label in by_weight}
 
 
 @dataclass(frozen=True, eq=False)
