@@ -9,8 +9,15 @@ import numpy as np
 
 from ..._typing import Array
 from ...fitting.problem import Problem
+from ...mechanisms.bodies import list_main_bodies
 from ...mechanisms.causes import Cause, cos, sin
-from ...mechanisms.motors import find_gravity_motors, motor_reading, motor_torque
+from ...mechanisms.motors import (
+    find_gravity_motors,
+    knows_held_masses,
+    motor_reading,
+    motor_torque,
+    moved_joints,
+)
 from ...mechanisms.terms import Mechanism
 from ...robot.gravity import G
 
@@ -34,11 +41,26 @@ def find_mixed_joint(problem: Problem, mechanism: Mechanism) -> int | None:
     load = motor_torque(robot, joint)
     if mechanism.stem == SPRING and mechanism.names() != load.names():
         return None
-    torque = np.asarray(problem.cause(load))
     reading = motor_reading(robot, joint)
-    if _is_one_wave(problem, torque, reading):
-        return joint
+    own = np.asarray(problem.cause(load))
+    for torque in (own, _weigh_main_links(problem, joint)):
+        if _is_one_wave(problem, torque, reading):
+            return joint
     return None
+
+
+def _weigh_main_links(problem: Problem, motor: int) -> Array:
+    """Weigh the torque (m,) that a motor holds of 1 kg at the end of each main link beyond it, where not all masses
+    there are declared: a forearm weighs more than what its wrist has. Nothing where they are."""
+    robot = problem.robot
+    torque = np.zeros(len(problem))
+    if knows_held_masses(robot, motor):
+        return torque
+    first = min(moved_joints(robot, motor))
+    for body in list_main_bodies(robot, first):
+        load = motor_torque(robot, motor, body)
+        torque += np.asarray(problem.cause(load))
+    return torque
 
 
 def _is_one_wave(problem: Problem, torque: Array, reading: Cause) -> bool:

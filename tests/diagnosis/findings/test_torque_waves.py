@@ -91,3 +91,29 @@ def test_both_names_of_it_are_told(arm: Robot, rng: np.random.Generator) -> None
     other = bind(two, build_measurements(two.draw(rng, ROWS), np.zeros((ROWS, 3))), TOOL)
     for name in ("gear-eccentricity:2", "gear-eccentricity:3", "joint-compliance:5"):
         assert find_mixed_joint(other, mechanism(name, two)) is None
+
+
+@seeds(1)
+def test_a_forearm_that_a_parallelogram_carries_is_both_without_masses(
+    tmp_path: Path, rng: np.random.Generator
+) -> None:
+    """The motors stand as the upper arm and the forearm do, level or upright, so that the weight of each goes
+    once a turn of its motor; of an arm in series it does not."""
+    places = [[0, 0, 600], [300, 0, 0], [0, 0, 1000], [200, 0, 200], [1000, 0, 0], [170, 0, 0]]
+    axes = [[0, 0, 1], [0, 1, 0], [0, 1, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0]]
+    coupling = np.eye(6)
+    coupling[2, 1] = -1
+    text = 'name = "six"\nsource = "drawing"\ngravity = [0, 0, -1]\n'
+    joints = "".join(
+        f"[[joint]]\nxyz_mm = {place}\naxis = {axis}\nlimits_deg = [-100, 100]\n"
+        for place, axis in zip(places, axes, strict=True)
+    )
+    for coupled in (True, False):
+        file = tmp_path / f"{coupled}.toml"
+        file.write_text(text + f"coupling = {coupling.tolist()}\n" * coupled + joints)
+        six = load_robot(file)
+        q = six.draw(rng, ROWS)
+        at = bind(six, build_measurements(q, np.zeros((ROWS, 3))), TOOL)
+        for joint in (2, 3):
+            found = find_mixed_joint(at, mechanism(f"gear-eccentricity:{joint}", six))
+            assert found == (joint if coupled else None)
