@@ -47,9 +47,11 @@ def list_turning_ripples(found: Sequence[Mechanism]) -> list[Mechanism]:
 
 
 def generate_loaded_ripples(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
-    """Generate the ripple in proportion to the torque beside one whose size changes; none beside any
-    other finding."""
+    """Generate the ripple in proportion to the torque beside one whose size changes, and that of one wave a turn
+    beside two, its only side that is no constant; none beside any other finding."""
     joint, count = _read_ripple(found)
+    if find_own_wave(found) == (joint, APART):
+        count = 0.5 * APART
     if count:
         yield from _build_loaded(problem, joint, count)
 

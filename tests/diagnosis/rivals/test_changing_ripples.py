@@ -10,14 +10,17 @@ from hidden_arm import State, arm
 from hidden_arm import measured as measure
 
 from modelsel.diagnosis.candidates.candidate import Candidate
+from modelsel.diagnosis.candidates.signatures import PROVEN
 from modelsel.diagnosis.findings.effects import Effect
 from modelsel.diagnosis.procedure import diagnose
+from modelsel.diagnosis.rivals.changing_ripples import generate_loaded_ripples
 from modelsel.diagnosis.rivals.finding_groups import list_finding_groups
 from modelsel.diagnosis.rivals.unlisted_shapes import list_rivals
 from modelsel.diagnosis.shapes.candidate_kinds import CandidateKind
 from modelsel.diagnosis.shapes.unregistered import build_wave
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
+from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Mechanism
 from modelsel.robot.files import load_robot
 
@@ -121,3 +124,32 @@ def test_two_ripples_of_unlike_size_stay_two(rng: Rng) -> None:
     effects = explain(rng, (count - 1, count + 1), (4e-4, 2e-4), load=False)
     labels = [effect.candidate.label for effect in effects]
     assert labels == ["gear-ripple:2", "gear-ripple:2"]
+
+
+@pytest.mark.parametrize(
+    ("found", "offered"),
+    [("encoder-eccentricity:2", 1), ("gear-eccentricity:2", 0), ("encoder-eccentricity:1", 0)],
+)
+def test_one_wave_that_grows_with_the_torque_stands_against_two_a_turn(
+    found: str, offered: int
+) -> None:
+    """Of a joint that holds weight its one side is two waves a turn, the other a constant."""
+    robot = load_robot("irb120")
+    q = robot.draw(np.random.default_rng(1), 40)
+    at = Problem(robot, build_measurements(q, np.zeros((40, 3))), np.array([TOOL]))
+    ripples = list(generate_loaded_ripples(at, mechanism(found, robot)))
+    assert len(ripples) == offered
+    for ripple in ripples:
+        assert ripple.names() == {"q2", "torque2"}
+
+
+@pytest.mark.slow
+@seeds(1, 2)
+def test_an_eccentric_gear_that_gives_way_under_load_is_no_oval_encoder(rng: Rng) -> None:
+    """`encoder-eccentricity:2` was told, with 1.00."""
+    effects = explain(rng, (1,), (4e-4,), load=True)
+    first = effects[0]
+    assert "torque2" in first.candidate.mechanism.names()
+    for effect in effects:
+        assert effect.claim is not None
+        assert effect.claim.level != "cause" or effect.claim.probability < PROVEN
