@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ..robot.gravity import declares_masses, declares_masses_beyond, loads_base
+from ..robot.gravity import declares_masses, declares_masses_beyond, find_tilting_bodies, loads_base
 from ..robot.kinematics import Robot
 from .beams import name_moments
 from .bodies import list_bodies, list_main_bodies
@@ -48,13 +48,23 @@ def list_tilts(robot: Robot) -> tuple[int, ...]:
 
 def _list_unknown(robot: Robot) -> list[int]:
     """List the ways in which a base may tilt under masses that are not known."""
-    each = list_bodies(robot, GROUND)
-    main = list_main_bodies(robot, GROUND)
+    each = _list_bodies(robot, UNKNOWN)
+    main = _list_bodies(robot, OF_MAIN)
     if not main:
         return []
     if main == each:
         return [OF_MAIN, OF_MAIN_BY_AXIS]
     return [UNKNOWN, OF_MAIN, OF_MAIN_BY_AXIS]
+
+
+def _list_bodies(robot: Robot, load: int) -> tuple[int, ...]:
+    """List the frames of masses that are not known and tip the base: at every joint, or at the main ones."""
+    tipping = find_tilting_bodies(robot, GROUND + 1)
+    list_loads = list_main_bodies
+    if load == UNKNOWN:
+        list_loads = list_bodies
+    bodies = list_loads(robot, GROUND)
+    return tuple(body for body in bodies if body in tipping)
 
 
 def base_tilt(robot: Robot, load: int) -> Mechanism:
@@ -63,10 +73,7 @@ def base_tilt(robot: Robot, load: int) -> Mechanism:
     of_both = load == WITH_PAYLOAD
     if of_both or load == DECLARED:
         return _tilt_by_all(robot, of_both)
-    list_loads = list_main_bodies
-    if load == UNKNOWN:
-        list_loads = list_bodies
-    bodies = list_loads(robot, GROUND)
+    bodies = _list_bodies(robot, load)
     by_axis = load == OF_MAIN_BY_AXIS
     terms = list(_list_terms(robot, bodies, by_axis))
     frames = ", ".join(map(str, bodies))

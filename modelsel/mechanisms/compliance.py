@@ -7,7 +7,12 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from ..measurements.campaign.state_names import StateKind, state_kind
-from ..robot.gravity import declares_masses, declares_masses_beyond, find_arm_pair
+from ..robot.gravity import (
+    declares_masses,
+    declares_masses_beyond,
+    find_arm_pair,
+    find_tilting_bodies,
+)
 from ..robot.kinematics import Robot
 from .beams import weight_moment
 from .bodies import list_main_bodies
@@ -150,8 +155,7 @@ def mass_choices(robot: Robot, joint: int) -> tuple[int, ...]:
 def list_bearing_loads(robot: Robot, joint: int) -> tuple[int, ...]:
     """List what is known of the masses that load a bearing across its axis: all, or those at the ends of the
     arm's main links where not all beyond it are declared."""
-    main = list_main_bodies(robot, joint - 1)
-    if declares_masses_beyond(robot, joint) or not main:
+    if declares_masses_beyond(robot, joint) or not _list_tilting(robot, joint):
         return (DECLARED,)
     return DECLARED, UNKNOWN
 
@@ -163,7 +167,7 @@ def lateral_compliance(robot: Robot, joint: int, masses: int = DECLARED) -> Mech
     if masses == DECLARED:
         terms = [Term(f"l{joint}{axis}", (_tilt(joint, axis),), COMPLIANCE, 1) for axis in ACROSS]
     else:
-        bodies = list_main_bodies(robot, joint - 1)
+        bodies = _list_tilting(robot, joint)
         terms = list(_tilt_by_each(joint, bodies))
         frames = ", ".join(map(str, bodies))
         loads = f"{loads}, of masses that are not known at frames {frames}"
@@ -177,12 +181,16 @@ def lateral_compliance(robot: Robot, joint: int, masses: int = DECLARED) -> Mech
     )
 
 
+def _list_tilting(robot: Robot, joint: int) -> tuple[int, ...]:
+    """List the ends of the arm's main links beyond a joint where a weight tilts its axis."""
+    tilting = find_tilting_bodies(robot, joint)
+    main = list_main_bodies(robot, joint - 1)
+    return tuple(body for body in main if body in tilting)
+
+
 def _tilt_by_each(joint: int, bodies: Sequence[int]) -> Iterator[Term]:
-    """List the terms of a bearing that tilts under masses that are not known, with the moments of each; none
-    of what weighs at its own origin."""
+    """List the terms of a bearing that tilts under masses that are not known, with the moments of each."""
     for body in bodies:
-        if body == joint:
-            continue
         screws = tuple(_tilt(joint, axis, body) for axis in ACROSS)
         symbol = f"l{joint}m{body}"
         yield Term(symbol, screws, HEAVY, 1)

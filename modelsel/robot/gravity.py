@@ -178,6 +178,23 @@ def find_payload_joints(robot: Robot) -> tuple[int, ...]:
     return _list_loaded(robot, torques)
 
 
+@lru_cache(maxsize=REMEMBERED)
+def find_tilting_bodies(robot: Robot, joint: int) -> tuple[int, ...]:
+    """Find the later frames (n+1: the target) where a weight has a moment across a joint's axis that changes with
+    the configuration; none where gravity is not known."""
+    if robot.gravity is None:
+        return ()
+    _, at = _draw_sample(robot, PROBE_PAYLOAD)
+    moments = compute_unit_moments(robot, at)
+    found = []
+    for body in range(joint + 1, robot.n + 2):
+        across = moments[joint, body][:2]
+        spread = np.ptp(across, axis=1)
+        if spread.max() > NEGLIGIBLE_LEVER * G:
+            found.append(body)
+    return tuple(found)
+
+
 def loads_base(robot: Robot) -> bool:
     """Whether the moment of the arm's weight on its base changes with the configuration; not where
     gravity is not known."""
