@@ -18,6 +18,7 @@ from .causes import ONE, Cause, Named, sign
 from .compliance import PAYLOAD
 from .terms import Mechanism, Screw, Term
 
+TOOL_DROOP = "tool-droop"
 # mm: usual sizes of what a tool or a gripper yields
 YIELD = (1e-3, 2.0)
 # mm/kg: the same by a payload
@@ -47,7 +48,7 @@ def tool_droop(robot: Robot) -> Mechanism | None:
         return None
     screws = _shift_by_pull(robot, _project_across(robot))
     return Mechanism(
-        "tool-droop",
+        TOOL_DROOP,
         (Term("g", screws, YIELD, 1),),
         "The target shifts across the flange in proportion to the gravity across it.",
         "target offset = g · gravity direction across the flange axis",
@@ -64,13 +65,21 @@ def tool_bending(robot: Robot) -> Mechanism | None:
     moment = cross(PLACE, PULL)
     screws = turn_target(robot.n + 1, moment, OF_ONE_KG, load=ONE)
     return Mechanism(
-        "tool-droop",
+        TOOL_DROOP,
         (Term("b", screws, TURN_BY_TOOL, 1),),
         "The target turns with its tool about the flange, in proportion to the moment of the tool's weight.",
         "rotation of the flange = b · moment of 1 kg at the target",
         CANTILEVER,
         usual_causes=("tool that bends", *BENDING_PARTS[:2]),
     )
+
+
+def is_bending(mechanism: Mechanism) -> bool:
+    """Return whether a mechanism is a tool that turns under its weight."""
+    if mechanism.stem != TOOL_DROOP:
+        return False
+    screw = mechanism.terms[0].screws[0]
+    return screw.axis.startswith("r")
 
 
 def tool_stretch(robot: Robot) -> Mechanism | None:

@@ -43,3 +43,18 @@ def test_a_tool_that_stands_aside_and_droops_is_told(rng: np.random.Generator) -
     assert effect.claim is not None
     is_alone = len(shares) == 1
     assert (effect.claim.levels[LEVELS.index("cause")] >= PROVEN) == is_alone
+
+
+def test_a_target_on_the_flange_s_axis_has_one_droop() -> None:
+    """There a tool that turns and one that shifts across the axis move the target alike."""
+    arm = load_robot("ur5e")
+    q = arm.draw(np.random.default_rng(1), 40)
+    base = Model((mechanism("geometric", arm),))
+    for tool, forms in (((0.0, 0.0, 120.0), 1), ((30.0, 0.0, 120.0), 2)):
+        at = bind(arm, build_measurements(q, np.zeros((40, 3))), tool)
+        candidates = build_candidates(at, base, every(arm))
+        droops = [one for one in candidates if one.label == "tool-droop"]
+        assert len(droops) == forms
+        assert sum(one.prior for one in droops) == pytest.approx(
+            sum(one.prior for one in candidates if one.label == "tool-stretch")
+        )

@@ -14,10 +14,13 @@ from ...mechanisms.campaign_registry import TARGET_STEP
 from ...mechanisms.causes import Cause
 from ...mechanisms.moved_targets import find_moved_targets
 from ...mechanisms.terms import Mechanism
+from ...mechanisms.tools import find_flange_axis, is_bending
 
 # coordinates that a step needs before and after it, for each of its numbers: two or three rows far
 # off at either end of a campaign would pass for one
 COORDINATES_OF_STEP = 2
+# mm aside up to which a target is on the flange's axis
+ON_AXIS = 1e-3
 
 
 def drop_equal_constants(problem: Problem, mechanisms: Sequence[Mechanism]) -> list[Mechanism]:
@@ -26,6 +29,7 @@ def drop_equal_constants(problem: Problem, mechanisms: Sequence[Mechanism]) -> l
     For example, steps between the same two configurations do; of these the one in the middle is
     kept, as rows that were held out may lie between them. Steps that only a few rows have are left
     out: they are these rows' errors."""
+    mechanisms = _drop_bending(problem, mechanisms)
     constants = Counter(m.name for m in mechanisms)
     probe = np.random.default_rng(0).normal(size=len(problem))
     products: dict[Cause, bytes] = {}
@@ -45,6 +49,16 @@ def drop_equal_constants(problem: Problem, mechanisms: Sequence[Mechanism]) -> l
                 groups.append(same)
             same.append(m)
     return [same[(len(same) - 1) // 2] for same in groups]
+
+
+def _drop_bending(problem: Problem, mechanisms: Sequence[Mechanism]) -> list[Mechanism]:
+    """Leave out tools that turn under their weight where every target is on the flange's axis: they shift it as
+    tools that droop across that axis do."""
+    axis = find_flange_axis(problem.robot)
+    aside = np.cross(problem.tools, axis)
+    if np.abs(aside).max() > ON_AXIS:
+        return list(mechanisms)
+    return [m for m in mechanisms if not is_bending(m)]
 
 
 def _find_same(
