@@ -47,7 +47,10 @@ def list_tilts(robot: Robot) -> tuple[int, ...]:
 
 
 def _list_unknown(robot: Robot) -> list[int]:
-    """List the ways in which a base may tilt under masses that are not known."""
+    """List the ways in which a base may tilt under masses that are not known; none below a slide, whose frame has no
+    moment along it."""
+    if robot.prismatic[0]:
+        return []
     each = _list_bodies(robot, UNKNOWN)
     main = _list_bodies(robot, OF_MAIN)
     if not main:

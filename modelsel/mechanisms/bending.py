@@ -338,8 +338,8 @@ def turn_target(
     screws = []
     for kind, causes in (("r", turn), ("t", cross(turn, PLACE))):
         for axis, cause in zip("xyz", causes, strict=True):
-            loaded = multiply(load, cause)
-            scaled = multiply(loaded, scale)
+            loaded = _multiply(load, cause)
+            scaled = _multiply(loaded, scale)
             if scaled is not None:
                 screws.append(Screw(flange, f"{kind}{axis}", scaled))
     return tuple(screws)
@@ -349,8 +349,8 @@ def cross(left: Vector, right: Vector) -> Vector:
     """Build the vector product of two vectors of causes."""
     product = []
     for j, k in ((1, 2), (2, 0), (0, 1)):
-        first = multiply(left[j], right[k])
-        second = multiply(left[k], right[j])
+        first = _multiply(left[j], right[k])
+        second = _multiply(left[k], right[j])
         product.append(_subtract(first, second))
     return tuple(product)
 
@@ -359,14 +359,14 @@ def _subtract(first: Cause | None, second: Cause | None) -> Cause | None:
     if second is None:
         return first
     if first is None:
-        return multiply(MINUS, second)
+        return _multiply(MINUS, second)
     is_negative, positive = _split(second)
     if is_negative:
         return first + positive
     return first - second
 
 
-def multiply(left: Cause | None, right: Cause | None) -> Cause | None:
+def _multiply(left: Cause | None, right: Cause | None) -> Cause | None:
     """Build the product of two causes, its sign first."""
     if left is None or right is None:
         return None

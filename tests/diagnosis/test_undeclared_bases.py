@@ -17,6 +17,7 @@ from modelsel.diagnosis.candidates.signatures import LEVELS, PROVEN
 from modelsel.fitting.design import Model
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.base_tilts import OF_MAIN, list_tilts
+from modelsel.mechanisms.compliance import DECLARED
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import Robot
@@ -75,3 +76,5 @@ def test_unknown_masses_are_tried_where_not_all_are_declared() -> None:
     assert OF_MAIN in list_tilts(bare)
     assert OF_MAIN not in list_tilts(heavy)
     assert not list_tilts(replace(bare, gravity=None))
+    rail = replace(bare, joints=(replace(bare.joints[0], prismatic=True), *bare.joints[1:]))
+    assert list_tilts(rail) == (DECLARED,)
