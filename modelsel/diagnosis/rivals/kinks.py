@@ -14,11 +14,10 @@ import numpy as np
 
 from ..._typing import Array
 from ...fitting.problem import Problem
-from ...mechanisms.causes import Applied, Cause, Combined, Named, Number, q, shifted
+from ...mechanisms.causes import Applied, Combined, Named, Number, q, shifted
 from ...mechanisms.terms import Mechanism
 from ...robot.rigid import AXES
-from ..shapes.arm_shapes import choose_onsets, list_turning
-from ..shapes.driver_functions import STILL
+from ..shapes.arm_shapes import build_excesses, choose_onsets, find_turning_reading
 from ..shapes.unregistered import build_cell
 
 # readings at which a joint may begin to err: so many in the range, or more where that leaves more than so much
@@ -33,7 +32,7 @@ SIDES = {"above": "above {}", "below": "below {}", "both": "from {}, on either s
 def generate_kinks(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
     """Generate kinks of a joint at many readings of a finding's driver, and at that of a found one. None for a
     finding that does not turn one joint with one reading."""
-    known = _read_driver(problem, found)
+    known = find_turning_reading(problem.robot, found)
     if known is None:
         return
     joint, other = known
@@ -51,7 +50,7 @@ def generate_kinks(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
 
 def list_kinks_together(problem: Problem, mechanisms: Sequence[Mechanism]) -> list[Mechanism]:
     """List the kinks that may stand for several findings, all of which turn one joint with one reading."""
-    drivers = {_read_driver(problem, found) for found in mechanisms}
+    drivers = {find_turning_reading(problem.robot, found) for found in mechanisms}
     if len(drivers) > 1 or None in drivers:
         return []
     kinks: dict[Mechanism, None] = {}
@@ -65,7 +64,7 @@ def list_kinks_together(problem: Problem, mechanisms: Sequence[Mechanism]) -> li
 
 def generate_finer_kinks(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
     """Generate kinks near a found one, of its side. None for any other finding."""
-    known = _read_driver(problem, found)
+    known = find_turning_reading(problem.robot, found)
     kink = _read_kink(found)
     if known is None or kink is None:
         return
@@ -90,40 +89,17 @@ def _count_steps(readings: Array) -> int:
 def build_kink(joint: int, other: int, onset: float, side: str) -> Mechanism:
     """Build the error of a joint in proportion to how far a joint's reading is beyond an angle [rad]; `side`: one
     of SIDES."""
-    beyond = shifted(q(other), -onset)
-    size: Cause = Applied("abs", beyond)
-    excess = {"above": size + beyond, "below": size - beyond}
-    cause = size if side == "both" else 0.5 * excess[side]
+    size = Applied("abs", shifted(q(other), -onset))
+    causes = {"both": size, **build_excesses(other, onset)}
     where = SIDES[side].format(f"{np.degrees(onset):.1f}°")
     whose = "it" if other == joint else f"joint {other}"
     cell = build_cell(
         place=(joint, AXES[5]),
-        causes=(cause,),
+        causes=(causes[side],),
         words=f"how far q{other} is {where}",
         sentence=f"Joint {joint} turns in proportion to how far {whose} reads {where}",
     )
     return replace(cell, usual_causes=TIGHTENING)
-
-
-def _read_driver(problem: Problem, found: Mechanism) -> tuple[int, int] | None:
-    """Read the joint that a finding turns off it, and the joint by whose reading alone; None of any other."""
-    places = list(found.names_by_place())
-    drivers = list(found.names())
-    if len(places) != 1 or len(drivers) != 1:
-        return None
-    joint, axis = places[0]
-    driver = drivers[0]
-    turning = list_turning(problem.robot)
-    if axis != AXES[5] or joint not in turning:
-        return None
-    for other in turning:
-        if driver != f"q{other}":
-            continue
-        readings = problem.data.q[:, other - 1]
-        width = np.ptp(readings)
-        if width > STILL:
-            return joint, other
-    return None
 
 
 def _read_kink(found: Mechanism) -> tuple[float, str] | None:

@@ -16,7 +16,7 @@ from ...fitting.problem import Problem
 from ...mechanisms.causes import Applied, Cause, Named, q, shifted
 from ...mechanisms.motors import joint_axis
 from ...mechanisms.terms import Mechanism
-from ..shapes.arm_shapes import build_pulls, choose_onsets, list_turning
+from ..shapes.arm_shapes import build_pulls, choose_onsets, find_turning_reading
 from ..shapes.driver_functions import STILL, level_off, scale_driver
 from ..shapes.joint_bumps import describe_reading
 from ..shapes.shape_constants import find_own_wave
@@ -117,18 +117,15 @@ def _choose_falls(angles: Array) -> Iterator[float]:
 def generate_pulls(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
     """Generate pulls of a joint by another one, beyond many readings of that. None for a finding
     that does not turn one joint with another one's reading."""
-    places = list(found.names_by_place())
-    drivers = list(found.names())
-    if len(places) != 1 or len(drivers) != 1:
+    known = find_turning_reading(problem.robot, found)
+    if known is None:
         return
-    (joint, axis), driver = places[0], drivers[0]
-    turning = list_turning(problem.robot)
-    others = {f"q{k}": k for k in turning if k != joint}
-    if axis != "rz" or joint not in turning or driver not in others:
+    joint, other = known
+    if joint == other:
         return
-    readings = problem.state.value(driver)
+    readings = problem.data.q[:, other - 1]
     for onset in choose_onsets(readings, ONSETS):
-        yield from build_pulls(joint, others[driver], onset)
+        yield from build_pulls(joint, other, onset)
 
 
 def generate_soft_lags(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..._typing import Array
 from ...fitting.problem import Problem
-from ...mechanisms.causes import Applied, Named, q, shifted
+from ...mechanisms.causes import Applied, Cause, Named, q, shifted
 from ...mechanisms.terms import Mechanism, describe_frame_motion
 from ...robot.kinematics import Robot
 from ...robot.rigid import AXES
@@ -129,15 +129,35 @@ def choose_onsets(readings: Array, shares: Sequence[float]) -> list[float]:
     return chosen
 
 
+def find_turning_reading(robot: Robot, found: Mechanism) -> tuple[int, int] | None:
+    """Find the joint that a finding turns off its reading, and the joint by whose reading alone, its own or
+    another's; None of any other finding."""
+    places = list(found.names_by_place())
+    drivers = list(found.names())
+    if len(places) != 1 or len(drivers) != 1:
+        return None
+    joint, axis = places[0]
+    turning = list_turning(robot)
+    if axis != "rz" or joint not in turning:
+        return None
+    for other in turning:
+        if drivers == [f"q{other}"]:
+            return joint, other
+    return None
+
+
+def build_excesses(joint: int, onset: float) -> dict[str, Cause]:
+    """Build how far a joint's reading is above an angle [rad], and how far below it."""
+    beyond = shifted(q(joint), -onset)
+    size = Applied("abs", beyond)
+    return {"above": 0.5 * (size + beyond), "below": 0.5 * (size - beyond)}
+
+
 def build_pulls(joint: int, other: int, onset: float) -> Iterator[Mechanism]:
     """Build the pulls of a joint by another one above and below a reading of that [rad]."""
-    beyond = shifted(q(other), -onset)
-    size = Applied("abs", beyond)
     degrees = np.degrees(onset)
-    excesses = {"above": size + beyond, "below": size - beyond}
-    for side, excess in excesses.items():
-        half = 0.5 * excess
-        square = half * half
+    for side, excess in build_excesses(other, onset).items():
+        square = excess * excess
         where = f"{side} {degrees:.0f}°"
         cell = build_cell(
             place=(joint, "rz"),

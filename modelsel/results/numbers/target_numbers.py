@@ -8,6 +8,7 @@ import numpy as np
 
 from ...mechanisms.environment import find_references
 from ...mechanisms.terms import Mechanism
+from ...mechanisms.tools import is_bending
 from .quantities import Usable, express
 from .workspace import Fitted, Range
 
@@ -36,8 +37,7 @@ def measure_load(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
 def measure_droop(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
     """Measure how far gravity across the flange's axis shifts the target; where the tool turns, how far
     at most."""
-    term = mechanism.terms[0]
-    if term.screws[0].axis.startswith("t"):
+    if not is_bending(mechanism):
         yield express("droop of a level flange axis", fitted.range_of(np.ones(1)), "mm")
         return
     row = fitted.find_worst()
