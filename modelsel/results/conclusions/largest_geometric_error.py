@@ -130,7 +130,8 @@ def _mark_geometry(fit: Fit) -> Mask:
     for mechanism in fit.model.mechanisms:
         if mechanism.name != GEOMETRIC:
             others |= {term.key for term in mechanism.terms}
-    return np.array([term.key not in others for term in fit.terms])
+    marks = [term.key not in others for term in fit.terms]
+    return np.array(marks, dtype=bool)
 
 
 def _turns(term: Term) -> bool:

@@ -95,11 +95,10 @@ def test_one_error_of_data_without_noise_is_all_of_it(rng: np.random.Generator) 
     assert "the zero of joint 2 is off by about 0.20 mrad" in said
 
 
-def test_a_model_without_geometry_says_nothing(rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("names", [[], ["encoder-scale:2"]], ids=["nominal", "scale"])
+def test_a_model_without_geometry_says_nothing(names: list[str], rng: np.random.Generator) -> None:
     robot = load_robot("irb120")
     q = robot.draw(rng, ROWS)
     at = bind(robot, build_measurements(q, flanges_of(robot, q)[:, :3, 3]))
-    assert (
-        describe_largest_error(fit(at, Model((mechanism("encoder-scale:2", robot),))), robot)
-        is None
-    )
+    model = Model(tuple(mechanism(name, robot) for name in names))
+    assert describe_largest_error(fit(at, model), robot) is None
