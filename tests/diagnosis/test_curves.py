@@ -98,6 +98,19 @@ def test_a_shape_of_one_joint_is_one_free_function(
 
 
 @pytest.mark.slow
+@seeds(1, 2, 3, 4)
+def test_a_soft_step_in_pieces_claims_the_shape_of_none(rng: np.random.Generator) -> None:
+    at = drawn("puma760", rng, 200)
+    joint, centre = int(rng.integers(1, 5)), float(rng.uniform(-0.3, 0.3))
+    curve = 1.5e-3 * np.tanh((at.data.q[:, joint - 1] - centre) / 0.2)
+    found = named(turned(at, joint, curve, rng), rng)
+    claims = [e.claim for e in found.effects if find_own_joint(e.candidate) == joint]
+    levels = {claim.level for claim in claims if claim is not None}
+    assert "drivers" in levels, found.path
+    assert levels <= {"place", "drivers"}, found.path
+
+
+@pytest.mark.slow
 @seeds(4, 5, 6)
 def test_two_waves_of_one_joint_stay_two_waves(rng: np.random.Generator) -> None:
     at = drawn("puma760", rng, 200)

@@ -50,6 +50,15 @@ DRIVEN = LEVELS.index("drivers")
 # without it 0.97 of both together is left
 SMALL_BESIDE = 0.25
 
+# shapes of a part of a joint's range: a few add up to nearly any function
+PIECES = (
+    CandidateKind.RAMP,
+    CandidateKind.JUMP,
+    CandidateKind.BUMP,
+    CandidateKind.KINK,
+    CandidateKind.FREE_FUNCTION,
+)
+
 
 class Weighed(NamedTuple):
     """The probability (4,) of every level of effects by their candidates, that of each name that they
@@ -124,7 +133,8 @@ def weigh_own_functions(
     """Weigh how sure the shapes are of what else turns a joint with its own angle.
 
     Together these are one function of that angle: of one part the shape is proven only with those
-    of the others, unless they are small beside it."""
+    of the others, unless they are small beside it. Several pieces are a function of any shape,
+    unless all are jumps."""
     shape = SHAPED.index(True)
     place = search.traits.signatures[0]
     size = {}
@@ -137,13 +147,20 @@ def weigh_own_functions(
     for g, h in permutations(size, 2):
         if place[g] != place[h]:
             continue
-        small = SMALL_BESIDE * size[g]
-        if size[h] > small:
-            level = levels[h][shape]
-            sure = float(level)
+        if _are_pieces(search, g, h):
+            shares[g] = 0.0
+        elif size[h] > SMALL_BESIDE * size[g]:
             least = shares.get(g, 1.0)
-            shares[g] = min(least, sure)
+            level = levels[h][shape]
+            shares[g] = min(least, float(level))
     return shares
+
+
+def _are_pieces(search: Search, *both: int) -> bool:
+    """Whether two functions of one angle are pieces of it that are not both jumps."""
+    kinds = {search.candidates[g].kind for g in both}
+    only_jumps = kinds == {CandidateKind.JUMP}
+    return kinds <= set(PIECES) and not only_jumps
 
 
 def _is_own_function(search: Search, g: int) -> bool:
