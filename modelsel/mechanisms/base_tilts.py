@@ -7,10 +7,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ..robot.gravity import declares_masses, declares_masses_beyond, find_tilting_bodies, loads_base
+from ..robot.gravity import declares_masses, declares_masses_beyond, loads_base
 from ..robot.kinematics import Robot
 from .beams import name_moments
-from .bodies import list_bodies, list_main_bodies
+from .bodies import list_bodies, list_main_bodies, list_tilting
 from .compliance import DECLARED, HEAVY, UNKNOWN, WITH_PAYLOAD
 from .gravity_effects import (
     NAMES,
@@ -62,12 +62,9 @@ def _list_unknown(robot: Robot) -> list[int]:
 
 def _list_bodies(robot: Robot, load: int) -> tuple[int, ...]:
     """List the frames of masses that are not known and tip the base: at every joint, or at the main ones."""
-    tipping = find_tilting_bodies(robot, GROUND + 1)
-    list_loads = list_main_bodies
-    if load == UNKNOWN:
-        list_loads = list_bodies
+    list_loads = list_bodies if load == UNKNOWN else list_main_bodies
     bodies = list_loads(robot, GROUND)
-    return tuple(body for body in bodies if body in tipping)
+    return list_tilting(robot, GROUND + 1, bodies)
 
 
 def base_tilt(robot: Robot, load: int) -> Mechanism:

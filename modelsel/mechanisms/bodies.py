@@ -6,12 +6,13 @@ origins stand for those of links, however these are spread along them."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
 
 from .._typing import Array
-from ..robot.gravity import REMEMBERED, STILL, draw_places, turns_in_gravity
+from ..robot.gravity import REMEMBERED, STILL, draw_places, find_tilting_bodies, turns_in_gravity
 from ..robot.kinematics import Robot
 
 # share of the longest line between two joints from which a link is one of the arm's main ones
@@ -41,6 +42,12 @@ def list_main_bodies(robot: Robot, link: int) -> tuple[int, ...]:
     heavy = [end, *(far or [robot.n])]
     each = list_bodies(robot, link)
     return tuple(joint for joint in each if joint in heavy)
+
+
+def list_tilting(robot: Robot, joint: int, bodies: Sequence[int]) -> tuple[int, ...]:
+    """List those of the bodies whose weight tilts a joint's axis, more in some postures than in others."""
+    tilting = find_tilting_bodies(robot, joint)
+    return tuple(body for body in bodies if body in tilting)
 
 
 def find_line_end(robot: Robot, link: int) -> int:

@@ -4,18 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-import numpy as np
-
 from ..measurements.campaign.state_names import StateKind, state_kind
-from ..robot.gravity import (
-    declares_masses,
-    declares_masses_beyond,
-    find_arm_pair,
-    find_tilting_bodies,
-)
-from ..robot.kinematics import Robot
+from ..robot.gravity import declares_masses, declares_masses_beyond, find_arm_pair
+from ..robot.kinematics import Robot, find_flange_axis
 from .beams import weight_moment
-from .bodies import list_main_bodies
+from .bodies import list_main_bodies, list_tilting
 from .causes import Cause, Named, q, shifted, sin
 from .motors import (
     drive_angle,
@@ -41,8 +34,6 @@ PAYLOAD_DEFLECTION = "payload-deflection"
 AT_TARGET, ANYWHERE = 0, 1
 # the axes of a joint's frame across its own
 ACROSS = "xy"
-# share of a unit vector below which it has no part along an axis
-NO_PART = 1e-9
 # kinds of what the arm's own masses load
 OWN_WEIGHT = {StateKind.TORQUE, StateKind.BENDING, StateKind.BASE_MOMENT}
 # kinds of what 1 kg loads
@@ -155,7 +146,7 @@ def mass_choices(robot: Robot, joint: int) -> tuple[int, ...]:
 def list_bearing_loads(robot: Robot, joint: int) -> tuple[int, ...]:
     """List what is known of the masses that load a bearing across its axis: all, or those at the ends of the
     arm's main links where not all beyond it are declared."""
-    if declares_masses_beyond(robot, joint) or not _list_tilting(robot, joint):
+    if declares_masses_beyond(robot, joint) or not _list_tilting_main(robot, joint):
         return (DECLARED,)
     return DECLARED, UNKNOWN
 
@@ -167,7 +158,7 @@ def lateral_compliance(robot: Robot, joint: int, masses: int = DECLARED) -> Mech
     if masses == DECLARED:
         terms = [Term(f"l{joint}{axis}", (_tilt(joint, axis),), COMPLIANCE, 1) for axis in ACROSS]
     else:
-        bodies = _list_tilting(robot, joint)
+        bodies = _list_tilting_main(robot, joint)
         terms = list(_tilt_by_each(joint, bodies))
         frames = ", ".join(map(str, bodies))
         loads = f"{loads}, of masses that are not known at frames {frames}"
@@ -181,11 +172,10 @@ def lateral_compliance(robot: Robot, joint: int, masses: int = DECLARED) -> Mech
     )
 
 
-def _list_tilting(robot: Robot, joint: int) -> tuple[int, ...]:
+def _list_tilting_main(robot: Robot, joint: int) -> tuple[int, ...]:
     """List the ends of the arm's main links beyond a joint where a weight tilts its axis."""
-    tilting = find_tilting_bodies(robot, joint)
     main = list_main_bodies(robot, joint - 1)
-    return tuple(body for body in main if body in tilting)
+    return list_tilting(robot, joint, main)
 
 
 def _tilt_by_each(joint: int, bodies: Sequence[int]) -> Iterator[Term]:
@@ -220,13 +210,8 @@ def list_hangs(robot: Robot, joint: int) -> tuple[int, ...]:
 
 def _list_across(robot: Robot) -> list[str]:
     """List the flange's axes that the last joint's axis has no part along."""
-    last_axis = robot.last[2, :3]
-    parts = np.abs(last_axis)
-    across = []
-    for axis, part in zip("xyz", parts, strict=True):
-        if part < NO_PART:
-            across.append(axis)
-    return across
+    parts = find_flange_axis(robot)
+    return [axis for axis, part in zip("xyz", parts, strict=True) if not part]
 
 
 def payload_deflection(robot: Robot, joint: int, hang: int = AT_TARGET) -> Mechanism:

@@ -59,7 +59,7 @@ def warms_up(mechanism: Mechanism) -> bool:
     if mechanism.stem != TRACKER_DRIFT:
         return False
     cause = mechanism.terms[0].screws[0].cause
-    return "exp(" in str(cause)
+    return any(cause in _list_causes(course) for course in WARM_UPS)
 
 
 def _list_causes(course: float) -> list[Cause]:

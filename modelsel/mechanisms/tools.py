@@ -11,7 +11,7 @@ import numpy as np
 
 from .._typing import Array
 from ..robot.gravity import find_gravity_joints
-from ..robot.kinematics import Robot
+from ..robot.kinematics import Robot, find_flange_axis
 from ..robot.rigid import AXES
 from .bending import BENDING_PARTS, OF_ONE_KG, PLACE, PULL, cross, turn_target
 from .causes import ONE, Cause, Named, sign
@@ -27,18 +27,8 @@ YIELD_BY_LOAD = (1e-4, 1.0)
 TURN_BY_TOOL = (1e-8, 1e-2)
 TOOL_PARTS = ("gripper or its fingers", "tool changer that yields", "loose target nest")
 CANTILEVER = "cantilever beam; ISO 230-1, stiffness of spindles"
-# digits to which the axis is known: files write turns of 90 degrees as 1.5708
-AXIS_DIGITS = 5
 # share of a direction below which it has no part along an axis
 NOTHING = 1e-9
-
-
-def find_flange_axis(robot: Robot) -> Array:
-    """Find the axis (3,) of the last joint in the flange's frame, of length 1; which of its two ways does not
-    matter here."""
-    axis = np.round(robot.last[2, :3], AXIS_DIGITS)
-    ahead = np.sign(axis[np.abs(axis).argmax()])
-    return np.asarray(ahead * axis / np.linalg.norm(axis))
 
 
 def tool_droop(robot: Robot) -> Mechanism | None:

@@ -38,6 +38,8 @@ from .coupling import Coupling
 from .rigid import MIXED_AXES
 
 LIMIT_TOLERANCE = 1e-6  # rad or mm: a reading at the limit, as it comes back from degrees
+# digits to which the flange's axis is known: files write turns of 90 degrees as 1.5708
+AXIS_DIGITS = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -342,3 +344,11 @@ def forward(robot: Robot, q: Array, tool: Array) -> Array:
     readings = np.atleast_2d(np.asarray(q, float))
     offset = np.asarray(tool, float)
     return pose(robot, readings, offset).target.T
+
+
+def find_flange_axis(robot: Robot) -> Array:
+    """Find the axis (3,) of the last joint in the flange's frame, of length 1 and with its largest entry
+    positive."""
+    axis = np.round(robot.last[2, :3], AXIS_DIGITS)
+    ahead = np.sign(axis[np.abs(axis).argmax()])
+    return np.asarray(ahead * axis / np.linalg.norm(axis))

@@ -17,9 +17,8 @@ from modelsel.fitting.design import compute_design
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import build_mechanisms
 from modelsel.mechanisms.terms import Mechanism
-from modelsel.mechanisms.tools import find_flange_axis
 from modelsel.robot.files import load_robot
-from modelsel.robot.kinematics import Robot
+from modelsel.robot.kinematics import Robot, find_flange_axis
 
 TOOL = np.array([60.0, -45.0, 185.0])
 DOWN = np.array([0.0, 0.0, -1.0])

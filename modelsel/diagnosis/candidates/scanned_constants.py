@@ -14,7 +14,8 @@ from ...mechanisms.campaign_registry import TARGET_STEP
 from ...mechanisms.causes import Cause
 from ...mechanisms.moved_targets import find_moved_targets
 from ...mechanisms.terms import Mechanism
-from ...mechanisms.tools import find_flange_axis, is_bending
+from ...mechanisms.tools import is_bending
+from ...robot.kinematics import find_flange_axis
 
 # coordinates that a step needs before and after it, for each of its numbers: two or three rows far
 # off at either end of a campaign would pass for one

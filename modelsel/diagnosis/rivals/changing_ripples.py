@@ -22,6 +22,8 @@ from ..shapes.unregistered import build_cell
 # less or more those may be that are looked for
 APART = 2.0
 TOLERANCE = 0.5
+# the wave between two a turn and none
+ONCE = 1.0
 # angles of a half turn at which a ripple may be largest
 PHASES = 12
 # digits after the point of a number of waves, and of an angle
@@ -51,7 +53,7 @@ def generate_loaded_ripples(problem: Problem, found: Mechanism) -> Iterator[Mech
     beside two, its only side that is no constant; none beside any other finding."""
     joint, count = _read_ripple(found)
     if find_own_wave(found) == (joint, APART):
-        count = 0.5 * APART
+        count = ONCE
     if count:
         yield from _build_loaded(problem, joint, count)
 

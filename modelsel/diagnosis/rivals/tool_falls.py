@@ -12,7 +12,8 @@ from ...fitting.problem import Problem
 from ...measurements.campaign.state_names import needs_gravity
 from ...mechanisms.motors import is_joint_motion
 from ...mechanisms.terms import Mechanism, Term
-from ...mechanisms.tools import build_fall_screws, find_flange_axis
+from ...mechanisms.tools import build_fall_screws
+from ...robot.kinematics import find_flange_axis
 
 # directions across the flange, from its x axis where its axis is z [degrees]
 DIRECTIONS = tuple(5.0 * k for k in range(36))
