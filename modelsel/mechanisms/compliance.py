@@ -146,9 +146,11 @@ def mass_choices(robot: Robot, joint: int) -> tuple[int, ...]:
 def list_bearing_loads(robot: Robot, joint: int) -> tuple[int, ...]:
     """List what is known of the masses that load a bearing across its axis: all, or those at the ends of the
     arm's main links where not all beyond it are declared."""
-    if declares_masses_beyond(robot, joint) or not _list_tilting_main(robot, joint):
-        return (DECLARED,)
-    return DECLARED, UNKNOWN
+    known = (DECLARED,)
+    if declares_masses_beyond(robot, joint):
+        return known
+    tilting = _list_tilting_main(robot, joint)
+    return (DECLARED, UNKNOWN) if tilting else known
 
 
 def lateral_compliance(robot: Robot, joint: int, masses: int = DECLARED) -> Mechanism:

@@ -137,12 +137,8 @@ def weigh_own_functions(
     unless all are jumps."""
     shape = SHAPED.index(True)
     place = search.traits.signatures[0]
-    size = {}
-    for g in chosen:
-        if _is_own_function(search, g):
-            displacement = search.compute_displacement(g, view)
-            norm = np.linalg.norm(displacement)
-            size[g] = float(norm)
+    own = [g for g in chosen if _is_own_function(search, g)]
+    size = {g: _measure_displacement(search, g, view) for g in own}
     shares: dict[int, float] = {}
     for g, h in permutations(size, 2):
         if place[g] != place[h]:
@@ -154,6 +150,13 @@ def weigh_own_functions(
             level = levels[h][shape]
             shares[g] = min(least, float(level))
     return shares
+
+
+def _measure_displacement(search: Search, g: int, view: View) -> float:
+    """Measure how far [whitened] an effect moves all coordinates together."""
+    displacement = search.compute_displacement(g, view)
+    norm = np.linalg.norm(displacement)
+    return float(norm)
 
 
 def _are_pieces(search: Search, *both: int) -> bool:
