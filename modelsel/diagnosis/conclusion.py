@@ -15,7 +15,6 @@ from .._typing import Array
 from ..exceptions import number_repeated
 from ..fitting.least_squares import STEP_MM, Fit
 from ..fitting.shrinkage import fit_shrunk
-from ..mechanisms.terms import Mechanism
 from .candidates.signatures import SHAPELESS, read_parts
 from .findings.cancelled_effects import find_cancelling
 from .findings.claims import Weighed, build_claim, weigh_claims
@@ -57,12 +56,6 @@ class Conclusion:
     p: dict[int, float] = field(default_factory=dict)
     known: VisitedModels | None = None
 
-    @property
-    def mechanisms(self) -> frozenset[Mechanism]:
-        """The mechanisms of the effects that it keeps."""
-        candidates = self.explored.search.candidates
-        return frozenset(candidates[g].mechanism for g in self.chosen)
-
     @cached_property
     def diagnosis(self) -> Diagnosis:
         """The diagnosis before claims are weighed; of most searches nobody asks for it."""
@@ -72,6 +65,11 @@ class Conclusion:
     def visited(self) -> VisitedModels:
         """The sets of effects around what stays, as many as a better one may be found among."""
         return self.known or visit_models(self.explored.search, self.view, self.chosen)
+
+    @property
+    def log_posterior(self) -> float:
+        """How probable what stays is beside other conclusions of the same base, whatever they were offered."""
+        return self.visited.find_log_posterior(self.chosen)
 
     @cached_property
     def weighed(self) -> VisitedModels:
@@ -103,11 +101,10 @@ def prove(concluded: Conclusion) -> Diagnosis:
     """Weigh how much of every effect is proven.
 
     Effects are taken back where another set of them is more probable, and confirmed. Where a shape
-    that no list has explains effects better, the search goes on with it, until that leads back to
-    effects which it had before."""
+    that no list has explains effects better, the search goes on with it, as long as that leads to
+    effects which are more probable together."""
     concluded = _settle(concluded)
     weighed = _weigh(concluded)
-    seen = {concluded.mechanisms}
     for _ in range(MAX_OFFERS):
         if not weighed.better:
             break
@@ -115,9 +112,8 @@ def prove(concluded: Conclusion) -> Diagnosis:
         if reshaped is None:
             break
         further = _settle(reshaped)
-        if further.mechanisms in seen:
+        if further.log_posterior <= concluded.log_posterior:
             break
-        seen.add(further.mechanisms)
         concluded = further
         weighed = _weigh(concluded)
     search = concluded.explored.search
@@ -209,7 +205,7 @@ def _take_back(concluded: Conclusion) -> Conclusion:
         if further is None:
             break
         searched = conclude(further)
-        if searched.mechanisms == concluded.mechanisms:  # it led back
+        if searched.log_posterior <= concluded.log_posterior:  # it led back, or astray
             break
         concluded = searched
     return concluded

@@ -41,6 +41,11 @@ class VisitedModels(NamedTuple):
         total = weight.sum()
         return np.asarray(weight / total)
 
+    def find_log_posterior(self, chosen: Sequence[int]) -> float:
+        """Find the log posterior of the chosen set, which is among them."""
+        own = self.sets.index(tuple(sorted(chosen)))
+        return float(self.log_posterior[own])
+
     def find_better(self, chosen: Sequence[int], odds: float) -> tuple[int, ...] | None:
         """Find the most probable set that replaces some of the chosen effects, if its log odds against
         the chosen set exceed `odds`.
@@ -48,8 +53,7 @@ class VisitedModels(NamedTuple):
         Sets that only add or only drop effects do not count: the stepwise search has tested these,
         under more than one null distribution."""
         now = frozenset(chosen)
-        own = self.sets.index(tuple(sorted(now)))
-        least = self.log_posterior[own] + odds
+        least = self.find_log_posterior(chosen) + odds
         for one, value in zip(self.sets, self.log_posterior, strict=True):
             if value <= least:
                 break
