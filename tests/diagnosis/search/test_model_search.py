@@ -447,6 +447,26 @@ def test_a_set_that_leads_back_is_put_in_its_place_once(
 
 
 @pytest.mark.slow
+def test_a_shape_that_leads_to_less_probable_effects_is_not_kept(
+    monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
+) -> None:
+    """Effects that the data hardly tell apart took each other's place again and again, ever less probable
+    together, in half of the time of a large study."""
+    concluded = conclude(explore_scale(rng))
+    search = concluded.explored.search
+    other = next(g for g, c in enumerate(search.candidates) if c.label == "encoder-scale:2")
+    astray = Conclusion(concluded.explored, [other], search.fit_model([other], None))
+    assert confirm(astray).log_posterior < confirm(concluded).log_posterior
+    better = [((0,), search.candidates[other])]
+    weigh = conclusion._weigh
+    monkeypatch.setattr(conclusion, "_weigh", lambda one: weigh(one)._replace(better=better))
+    monkeypatch.setattr(conclusion, "_take_shapes", lambda *given: astray)
+    monkeypatch.setattr(conclusion, "_settle", confirm)
+    told = prove(concluded)
+    assert [one.candidate.label for one in told.effects] == ["encoder-scale:3"]
+
+
+@pytest.mark.slow
 def test_shapes_that_the_data_do_not_determine_change_nothing(
     monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
 ) -> None:
