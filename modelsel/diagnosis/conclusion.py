@@ -5,7 +5,7 @@ map may replace some; the rest is fitted exactly, and each effect gets the claim
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -15,6 +15,7 @@ from .._typing import Array
 from ..exceptions import number_repeated
 from ..fitting.least_squares import STEP_MM, Fit
 from ..fitting.shrinkage import fit_shrunk
+from ..mechanisms.terms import Mechanism
 from .candidates.signatures import SHAPELESS, read_parts
 from .findings.cancelled_effects import find_cancelling
 from .findings.claims import Weighed, build_claim, weigh_claims
@@ -39,6 +40,8 @@ from .search.weighed_models import VisitedModels
 
 # times that shapes which no list has are offered
 MAX_OFFERS = 4
+# times in a row that they may lead to effects which are less probable than others before
+MAX_STRAYED = 1
 # times that effects are taken back
 MAX_TAKEN_BACK = 2
 
@@ -55,6 +58,12 @@ class Conclusion:
     view: View
     p: dict[int, float] = field(default_factory=dict)
     known: VisitedModels | None = None
+
+    @property
+    def mechanisms(self) -> frozenset[Mechanism]:
+        """The mechanisms of the effects that it keeps."""
+        candidates = self.explored.search.candidates
+        return frozenset(candidates[g].mechanism for g in self.chosen)
 
     @cached_property
     def diagnosis(self) -> Diagnosis:
@@ -101,21 +110,11 @@ def prove(concluded: Conclusion) -> Diagnosis:
     """Weigh how much of every effect is proven.
 
     Effects are taken back where another set of them is more probable, and confirmed. Where a shape
-    that no list has explains effects better, the search goes on with it, as long as that leads to
-    effects which are more probable together."""
-    concluded = _settle(concluded)
-    weighed = _weigh(concluded)
-    for _ in range(MAX_OFFERS):
-        if not weighed.better:
-            break
-        reshaped = _take_shapes(concluded, weighed)
-        if reshaped is None:
-            break
-        further = _settle(reshaped)
-        if further.log_posterior <= concluded.log_posterior:
-            break
-        concluded = further
-        weighed = _weigh(concluded)
+    that no list has explains effects better, the search goes on with it. What stays is the most
+    probable that this leads to."""
+    concluded, weighed = max(
+        _offer_shapes(_settle(concluded)), key=lambda one: one[0].log_posterior
+    )
     search = concluded.explored.search
     claimed = replace(
         concluded.diagnosis,
@@ -124,6 +123,28 @@ def prove(concluded: Conclusion) -> Diagnosis:
     )
     search, told = tell_steps_apart(search, claimed)
     return replace(told, map_p=search.compute_map_p(concluded.view))
+
+
+def _offer_shapes(concluded: Conclusion) -> Iterator[tuple[Conclusion, Weighed]]:
+    """Offer shapes that explain effects better again and again, until none does, that leads back to effects
+    which there were before, or twice in a row to less probable ones. Generates every conclusion."""
+    weighed = _weigh(concluded)
+    yield concluded, weighed
+    seen = {concluded.mechanisms}
+    highest = concluded.log_posterior
+    strayed = 0
+    for _ in range(MAX_OFFERS):
+        reshaped = _take_shapes(concluded, weighed) if weighed.better else None
+        if reshaped is None:
+            return
+        concluded = _settle(reshaped)
+        strayed = 0 if concluded.log_posterior > highest else strayed + 1
+        if concluded.mechanisms in seen or strayed > MAX_STRAYED:
+            return
+        seen.add(concluded.mechanisms)
+        highest = max(highest, concluded.log_posterior)
+        weighed = _weigh(concluded)
+        yield concluded, weighed
 
 
 def _settle(concluded: Conclusion) -> Conclusion:
