@@ -209,10 +209,12 @@ def _claim(concluded: Conclusion, weighed: Weighed) -> tuple[Effect, ...]:
 
 
 def _take_back(concluded: Conclusion) -> Conclusion:
-    """Put a set of effects in the place of the chosen ones, if it is clearly more probable."""
+    """Put a set of effects in the place of the chosen ones, if it is clearly more probable. An effect that
+    was given up and named again stays."""
+    held: set[int] = set()
     for _ in range(MAX_TAKEN_BACK):
         explored, now = concluded.explored, concluded.chosen
-        better = concluded.visited.find_better(now, MIN_LOG_ODDS)
+        better = concluded.visited.find_better(now, MIN_LOG_ODDS, held)
         if better is None:
             break
         search = explored.search
@@ -226,8 +228,10 @@ def _take_back(concluded: Conclusion) -> Conclusion:
         if further is None:
             break
         searched = conclude(further)
-        if searched.log_posterior <= concluded.log_posterior:  # it led back, or astray
+        led_back = searched.mechanisms == concluded.mechanisms
+        if led_back or searched.log_posterior <= concluded.log_posterior:
             break
+        held.update(g for g in searched.chosen if g in now and g not in better)
         concluded = searched
     return concluded
 

@@ -46,9 +46,11 @@ class VisitedModels(NamedTuple):
         own = self.sets.index(tuple(sorted(chosen)))
         return float(self.log_posterior[own])
 
-    def find_better(self, chosen: Sequence[int], odds: float) -> tuple[int, ...] | None:
-        """Find the most probable set that replaces some of the chosen effects, if its log odds against
-        the chosen set exceed `odds`.
+    def find_better(
+        self, chosen: Sequence[int], odds: float, held: Collection[int] = ()
+    ) -> tuple[int, ...] | None:
+        """Find the most probable set that replaces some of the chosen effects, none of those `held`, if its
+        log odds against the chosen set exceed `odds`.
 
         Sets that only add or only drop effects do not count: the stepwise search has tested these,
         under more than one null distribution."""
@@ -57,9 +59,10 @@ class VisitedModels(NamedTuple):
         for one, value in zip(self.sets, self.log_posterior, strict=True):
             if value <= least:
                 break
-            removed = len(now.difference(one))
-            added = len(one) + removed - len(now)
-            if removed and 0 < added <= removed + 1:
+            removed = now.difference(one)
+            added = len(one) + len(removed) - len(now)
+            replaces = 0 < added <= len(removed) + 1
+            if removed and replaces and removed.isdisjoint(held):
                 return one
         return None
 

@@ -344,6 +344,14 @@ def test_effects_are_not_added_alone_by_taking_back() -> None:
     assert visited.find_better([0, 1], 3.5) is None
 
 
+def test_effects_that_are_held_are_not_taken_back() -> None:
+    visited = VisitedModels(((0, 3), (1, 3), (0, 1)), np.array([5.0, 4.0, 0.0]))
+    assert visited.find_better([0, 1], 1.0) == (0, 3)
+    # effect 1 was given up once, and named again
+    assert visited.find_better([0, 1], 1.0, held={1}) == (1, 3)
+    assert visited.find_better([0, 1], 1.0, held={0, 1}) is None
+
+
 def test_two_effects_of_a_place_are_not_held_by_one() -> None:
     place = np.array([7, 7, 8])
     visited = VisitedModels(((0, 1), (0, 2)), np.log([0.6, 0.4]))
