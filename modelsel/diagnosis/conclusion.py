@@ -218,22 +218,30 @@ def _take_back(concluded: Conclusion) -> Conclusion:
         if better is None:
             break
         search = explored.search
-        words = f"{_join_others(search, now, better)} -> {_join_others(search, better, now)}"
-        path = [*explored.progress.path, words]
+        given_up = _join_others(search, now, better)
+        put_in = _join_others(search, better, now)
+        path = [*explored.progress.path, f"{given_up} -> {put_in}"]
         start = concluded.view.fitted
         # what stays keeps its order
         kept = [g for g in now if g in better]
-        chosen = [*kept, *(g for g in better if g not in kept)]
+        added = [g for g in better if g not in kept]
+        chosen = [*kept, *added]
         further = explore_further(search, chosen, start, path)
         if further is None:
             break
         searched = conclude(further)
-        led_back = searched.mechanisms == concluded.mechanisms
-        if led_back or searched.log_posterior <= concluded.log_posterior:
+        if not _is_better(searched, concluded):
             break
-        held.update(g for g in searched.chosen if g in now and g not in better)
+        named_again = [g for g in searched.chosen if g in now and g not in better]
+        held.update(named_again)
         concluded = searched
     return concluded
+
+
+def _is_better(searched: Conclusion, before: Conclusion) -> bool:
+    """Whether a conclusion has other effects than the one before, and these are more probable."""
+    led_back = searched.mechanisms == before.mechanisms
+    return not led_back and searched.log_posterior > before.log_posterior
 
 
 def _join_others(search: Search, members: Sequence[int], others: Sequence[int]) -> str:

@@ -60,9 +60,7 @@ class VisitedModels(NamedTuple):
             if value <= least:
                 break
             removed = now.difference(one)
-            added = len(one) + len(removed) - len(now)
-            replaces = 0 < added <= len(removed) + 1
-            if removed and replaces and removed.isdisjoint(held):
+            if _replaces(now, one) and removed.isdisjoint(held):
                 return one
         return None
 
@@ -182,6 +180,13 @@ class _Table(NamedTuple):
             together = frozenset[Hashable]().union(*(parts[k][level] for k in members))
             told[row] = together == own
         return told
+
+
+def _replaces(before: frozenset[int], after: Sequence[int]) -> bool:
+    """Whether a set has others in the place of some effects, one more than these at most."""
+    removed = len(before.difference(after))
+    added = len(after) + removed - len(before)
+    return removed > 0 and 0 < added <= removed + 1
 
 
 def _join_labels(found: Sequence[Candidate], members: Sequence[int]) -> tuple[str, ...]:
