@@ -11,9 +11,8 @@ from functools import cached_property
 
 import numpy as np
 
-from .._typing import Array
 from ..exceptions import number_repeated
-from ..fitting.least_squares import STEP_MM, Fit
+from ..fitting.least_squares import Fit
 from ..fitting.shrinkage import fit_shrunk
 from ..mechanisms.terms import Mechanism
 from .candidates.signatures import SHAPELESS, read_parts
@@ -30,8 +29,8 @@ from .findings.torque_waves import find_mixed_joint
 from .inference.after_selection import AfterSelection, allow_for_search, find_limit
 from .inference.evidence import MIN_LOG_ODDS, compute_p_value, compute_single_f
 from .reshaping import take_shapes
+from .search.dropped_effects import confirm_effects, prune_effects
 from .search.model_search import visit_models, weigh_models
-from .search.path_sentences import DROPPED
 from .search.renaming import holds_name, settle_names
 from .search.state import LEVEL, Search, extend_model
 from .search.stepwise import Exploration, Remainder, explore_further
@@ -100,7 +99,7 @@ def conclude(explored: Exploration) -> Conclusion:
 def confirm(concluded: Conclusion) -> Conclusion:
     """Confirm every effect given the others, under every null distribution."""
     search, path = concluded.explored.search, concluded.explored.progress.path
-    p, view = _confirm_effects(search, concluded.chosen, concluded.view, path)
+    p, view = confirm_effects(search, concluded.chosen, concluded.view, path)
     is_same = p.keys() == set(concluded.chosen)
     known = concluded.visited if is_same else None
     return Conclusion(concluded.explored, _sort_by_size(search, p, view), view, p, known)
@@ -288,75 +287,6 @@ def _build_diagnosis(concluded: Conclusion) -> Diagnosis:
         single_f=compute_single_f(search.first.scan, search.first.response),
         offered=search.candidates,
     )
-
-
-# Drop: effects whose size stays open, and those that chance explains given the others.
-
-
-def prune_effects(
-    search: Search, chosen: list[int], view: View, path: list[str]
-) -> tuple[list[int], View]:
-    """Drop the effects that the others make dispensable, the weakest first.
-
-    That are effects whose size the others leave open, and effects that chance alone would explain."""
-    while chosen:
-        g = _find_dispensable(search, chosen, view)
-        if g is None:
-            break
-        rest = [k for k in chosen if k != g]
-        after = search.try_fit(rest, view.fitted)
-        if after is None:
-            break
-        path.append(f"{DROPPED}{search.candidates[g].label}")
-        chosen = rest
-        view = after
-    return chosen, view
-
-
-def _find_dispensable(search: Search, chosen: Sequence[int], view: View) -> int | None:
-    for g in reversed(chosen):
-        if search.is_unbounded(g, view):
-            return g
-    evidence = {g: search.rename(g, view).evidence for g in chosen}
-    weakest = min(chosen, key=lambda g: evidence[g])
-    p = compute_p_value(evidence[weakest], search.null)
-    if p > LEVEL:
-        return weakest
-    return None
-
-
-def _confirm_effects(
-    search: Search, chosen: list[int], view: View, path: list[str]
-) -> tuple[dict[int, float], View]:
-    """Confirm every effect given the others, under every null distribution.
-
-    An effect that was significant when it was added may not be beside the others; such effects are
-    dropped, the weakest first. A single effect was tested when it was added. Returns the p-value of
-    every effect that stays, and the model's view."""
-    while True:
-        if chosen:
-            refitted = search.try_fit(chosen, view.fitted, STEP_MM)
-            view = refitted or view
-        evidence = {g: search.rename(g, view).evidence for g in chosen}
-        nulls = search.draw_final_nulls(view, min(evidence.values(), default=np.inf))
-        p = {g: _compute_largest_p(evidence[g], nulls) for g in chosen}
-        if len(chosen) < 2:
-            return p, view
-        weakest = max(chosen, key=lambda g: p[g])
-        if p[weakest] <= LEVEL:
-            return p, view
-        rest = [g for g in chosen if g != weakest]
-        after = search.try_fit(rest, view.fitted)
-        if after is None:
-            return p, view
-        label = search.candidates[weakest].label
-        path.append(f"{DROPPED}{label}")
-        chosen = rest
-        view = after
-
-
-def _compute_largest_p(evidence: float, nulls: Sequence[Array]) -> float:
-    return max(compute_p_value(evidence, null) for null in nulls)
 
 
 # Tell: the effects, and what is left.
